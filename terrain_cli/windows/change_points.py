@@ -26,7 +26,7 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.candidate_search import Limits, candidates
 from terrain_cli.windows.merging import Criteria, Criterion, Refinement
 from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
-from terrain_cli.windows.sample_blocks import ReplacedSamples, distinct
+from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,7 +66,7 @@ def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
     at = np.asarray(breaks, dtype=np.intp)
     if at.size and (at.min() < 0 or at.max() > n):
         raise ValueError(f"breaks lie between 0 and {n}, not from {at.min()} to {at.max()}")
-    return distinct(np.concatenate([np.array([0, n], dtype=np.intp), at]))
+    return np.unique(np.concatenate([np.array([0, n], dtype=np.intp), at]))
 
 
 def checked_distance(distance: ArrayLike, n: int) -> Array:
@@ -121,7 +121,7 @@ def change_points(
         metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
         block = _block_length(b - a, before if a == 0 else 0)
         found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
-    return distinct(np.concatenate(found).astype(np.intp))
+    return np.unique(np.concatenate(found).astype(np.intp))
 
 
 def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
@@ -322,7 +322,7 @@ def _in_logarithms(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> 
     weight = np.log(np.maximum(load / usual_load, _LEAST_LOAD))
     depth = np.log(np.maximum(sinkage / usual_sinkage, _LEAST_SINKAGE))
     # A change of soil is a step, which hardly shows within a block.
-    blocks = distinct(np.concatenate([bounds, np.arange(0, len(load), _SINKAGE_BLOCK)]))
+    blocks = np.unique(np.concatenate([bounds, np.arange(0, len(load), _SINKAGE_BLOCK)]))
     terms = [weight, slip, slip**2, slip * weight]
     line, *others, level = (column - _mean(column, blocks) for column in (*terms, depth))
     # Their means are 0 already: of the moments those with 1 are left out.

@@ -9,7 +9,6 @@ import numpy as np
 
 from terrain_cli.windows import line_costs
 from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
-from terrain_cli.windows.sample_blocks import distinct
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -72,7 +71,7 @@ class _Known:
     def __call__(self, bounds: Index) -> Array:
         """Return the sums before each of these bounds, shape (10, k)."""
         at = np.minimum(np.searchsorted(self._bounds, bounds), len(self._bounds) - 1)
-        new = distinct(bounds[self._bounds[at] != bounds])
+        new = np.unique(bounds[self._bounds[at] != bounds])
         if len(new):
             merged = np.concatenate([self._bounds, new])
             order = np.argsort(merged)

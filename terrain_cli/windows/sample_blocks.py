@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
 POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
@@ -30,15 +30,6 @@ WILD = 3.0
 OUTLIER = 4.7
 #: Samples worked on at a time: few enough to stay in the processor's cache.
 _SLAB = 131_072
-
-
-def distinct(values: Bounds) -> Bounds:
-    """Return the different values, rising, as ``np.unique`` does.
-
-    That imports masked arrays: as long as it takes to search a short log.
-    """
-    rising = np.sort(values)
-    return rising[np.diff(rising, prepend=rising[:1] - 1) > 0]
 
 
 def sizes(n: int, step: int) -> Index:
@@ -63,7 +54,7 @@ def slabs(n: int, step: int) -> Iterator[Index]:
 def about(place: Index, n: int, step: int) -> Iterator[Index]:
     """Part the blocks that depend on some samples into pieces, with what is around them as long as a run."""
     away = 2 * reach(step) + 2
-    block = _beside(distinct(place // step), away, (n - 1) // step)
+    block = _beside(np.unique(place // step), away, (n - 1) // step)
     length = max(1, _SLAB // step // (2 * away))
     for first in range(0, len(block), length):
         yield block[first : first + length]
@@ -79,7 +70,7 @@ def _beside(block: Index, away: int, last: int) -> Index:
     """Return rising blocks and all so far away from them, none behind the last."""
     if is_run(block):
         return np.arange(max(block[0] - away, 0), min(block[-1] + away, last) + 1)
-    return distinct(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
+    return np.unique(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
 
 
 def is_run(block: Index) -> bool:
