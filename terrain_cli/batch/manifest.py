@@ -185,26 +185,22 @@ def parse(line: bytes) -> ManifestEntry | None:
 class Manifest:
     """The entries of a batch, in the order in which they were written.
 
-    `unreadable` lines, from 1, say nothing: their inputs count as never seen. Only where it is writable is a
-    last line that a kill cut off mended.
+    Inputs of lines that cannot be read count as never seen. Only where it is writable is a last line that a
+    kill cut off mended.
     """
 
     def __init__(self, path: Path, *, writable: bool = True) -> None:
         self._path = path
         self.entries: list[ManifestEntry] = []
-        self.unreadable: list[int] = []
         self._descriptor = -1
         self._size = size = 0
-        for number, line in enumerate(lines(path), 1):
+        for line in lines(path):
             size += len(line)
             if not line.endswith(b"\n"):
                 # It was being written when the process died.
                 break
             self._size = size
-            entry = parse(line)
-            if entry is None:
-                self.unreadable.append(number)
-            else:
+            if entry := parse(line):
                 self.entries.append(entry)
         if writable:
             with explained(str(path)):

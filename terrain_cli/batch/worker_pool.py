@@ -75,10 +75,6 @@ class Child:
         """Return what to wait on for `collect`."""
         return self._link.fileno()
 
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
     def begin(self, task: Task) -> None:
         """Send a task to a process that is ready."""
         self.ready = False
@@ -253,10 +249,6 @@ class LocalPool:
     @property
     def free(self) -> int:
         return self._jobs - len(self._busy)
-
-    @property
-    def pids(self) -> list[int]:
-        return [child.pid for child in (*self._idle, *self._busy)]
 
     def submit(self, ticket: int, task: Task) -> None:
         while self._idle:

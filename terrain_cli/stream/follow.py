@@ -109,7 +109,12 @@ class Follow:
     def _begin(self, *, wait: bool = False) -> None:
         """Tell what is read; what is missing may `wait` for a topic that begins later."""
         try:
-            samples = self._new_samples()
+            effects = None if self._file is None else self._file.model.effects
+            given = self._rover, self._settings, effects
+            rows = self._rows
+            samples: ArrivingSamples = (
+                RowSamples(rows, *given) if isinstance(rows, ArrivingRows) else MessageSamples(rows, *given)
+            )
             came = self._rows.take()
             samples.check(came)
         except (ConfigurationError, InputError):
@@ -118,12 +123,6 @@ class Follow:
         else:
             self._samples = samples
             self._take(came)
-
-    def _new_samples(self) -> ArrivingSamples:
-        effects = None if self._file is None else self._file.model.effects
-        if isinstance(self._rows, ArrivingRows):
-            return RowSamples(self._rows, self._rover, self._settings, effects)
-        return MessageSamples(self._rows, self._rover, self._settings, effects)
 
     def _take(self, came: Any) -> None:
         if came is not None and self._samples is not None:
