@@ -13,7 +13,7 @@ from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import alignment, bags, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.long_logs import joined
-from terrain_cli.telemetry.usable_samples import BACKWARDS
+from terrain_cli.telemetry.usable_samples import BACKWARDS, is_aside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -158,11 +158,7 @@ class RowSamples(ArrivingSamples):
 
     def _judge_clock(self, key: str, part: Samples) -> None:
         """Forget the rows before, where the clock has stood back for so long that it began anew."""
-        back = (
-            part.set_aside.codes == part.set_aside.names.index(BACKWARDS)
-            if BACKWARDS in part.set_aside.names
-            else np.zeros(len(part), dtype=bool)
-        )
+        back = is_aside(part.set_aside, BACKWARDS)
         ahead = np.flatnonzero(~back)
         self._back[key] = len(back) - 1 - int(ahead[-1]) if len(ahead) else self._back[key] + len(back)
         if self._back[key] >= ANEW:

@@ -315,12 +315,12 @@ def longest_gap(time: Array, reasons: Labels, max_gap: float | None) -> float:
 
 def on_ground(reasons: Labels) -> Index:
     """Return the samples that follow the ground: those usable, and those in which the wheel skids."""
-    return np.flatnonzero((reasons.codes < 0) | _is(reasons, SKIDS))
+    return np.flatnonzero((reasons.codes < 0) | is_aside(reasons, SKIDS))
 
 
 def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
     """Return a clock (s, never falling) that stops while the wheel stands: only lost driving is a gap."""
-    standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
+    standing, astray = (is_aside(reasons, reason) for reason in (STANDS, BACKWARDS))
     known, clock, n = np.isfinite(time) & ~astray, time, len(time)
     if not known.all():
         clock = np.interp(np.arange(n), np.flatnonzero(known), time[known]) if known.any() else np.zeros(n)
@@ -329,6 +329,7 @@ def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
     return np.asarray(np.cumsum(np.maximum(step, 0.0)))
 
 
-def _is(reasons: Labels, reason: str) -> Mask:
+def is_aside(reasons: Labels, reason: str) -> Mask:
+    """Tell which samples are set aside for a reason."""
     code = reasons.names.index(reason) if reason in reasons.names else -2
     return np.asarray(reasons.codes == code)
