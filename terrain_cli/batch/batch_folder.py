@@ -15,7 +15,7 @@ import os
 import re
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from formats.errors import CannotWriteError, DamagedError, shown
 from formats.output.whole_files import explained
@@ -23,8 +23,6 @@ from terrain_cli.batch import manifest
 from terrain_cli.batch.manifest import Manifest, ManifestEntry, Pointer, Records
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.worker_tasks import Order
 
@@ -64,12 +62,7 @@ class Folder:
             )
             self.kept = {key: kept for key, kept in self.kept.items() if self.records.read(kept)}
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         self.manifest.close()
         if self.records:
             self.records.close()

@@ -205,7 +205,7 @@ def _empty(columns: Sequence[str]) -> Table:
 
 def preview(items: Sequence[Input], directory: str, order: Order) -> list[tuple[str, Input]]:
     """Return what would be done, and why; the folder need not be there."""
-    with Folder(directory, writable=False) as folder:
+    with closing(Folder(directory, writable=False)) as folder:
         inputs = [item for item in items if not folder.own(item.location)]
         return [
             (why, item) for item in inputs if (why := batch_folder.reason(item, folder, order)) is not None
@@ -225,7 +225,7 @@ def run(
     """
     if order.settle is None and found and all(item.problem for item in found):
         raise next(item.problem for item in found if item.problem)
-    with Folder(directory) as folder:
+    with closing(Folder(directory)) as folder:
         _document(folder, order.configuration)
         with closing(_workers(order)) as pool:
             keeper = Keeper(folder, pool, order)

@@ -224,16 +224,9 @@ class Pool(Protocol):
     """Workers, wherever they are."""
 
     @property
-    def free(self) -> int: ...
-
-    def submit(self, ticket: int, task: Task) -> None:
-        """Have a task done; at most `free` of them."""
-        ...
-
-    def collect(self, seconds: float) -> list[tuple[int, Reply]]:
-        """Return what was done, with the tickets; wait so many seconds for the first."""
-        ...
-
+    def free(self) -> int: ...  # How many tasks may be submitted
+    def submit(self, ticket: int, task: Task) -> None: ...
+    def collect(self, seconds: float) -> list[tuple[int, Reply]]: ...  # Wait so long for the first
     def close(self) -> None: ...
 
 

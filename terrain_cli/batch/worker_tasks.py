@@ -160,9 +160,7 @@ def _told(account: dict[str, Any]) -> dict[str, Any]:
 class Task(Protocol):
     """Something a worker can be sent to do."""
 
-    def run(self) -> Reply:
-        """Do it. What it raises is a failure of this task alone."""
-        ...
+    def run(self) -> Reply: ...  # What it raises is a failure of this task alone
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,20 +42,11 @@ _NOTHING = "of a table a header and rows are needed, of a bag messages"
 class Teller(Protocol):
     """Who is told what happens."""
 
-    def closed(self, row: Table) -> None:
-        """Take the row of a segment that has closed."""
-
-    def open(self, rows: list[Table]) -> None:
-        """Take the rows of the segments that are open."""
-
-    def now(self, text: str) -> None:
-        """Take what is said in one line of the open segments."""
-
-    def again(self, row: Table) -> None:
-        """Take the row of a segment as all that was followed tells it."""
-
-    def remark(self, text: str) -> None:
-        """Take what a person should know."""
+    def closed(self, row: Table) -> None: ...  # Of a segment that has closed
+    def open(self, rows: list[Table]) -> None: ...  # Of the segments that are open
+    def now(self, text: str) -> None: ...  # What is said in one line of the open segments
+    def again(self, row: Table) -> None: ...  # Of a segment as all that was followed tells it
+    def remark(self, text: str) -> None: ...  # What a person should know
 
 
 class Follow:
