@@ -20,10 +20,10 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests"), str(HERE.parent / 
 
 from hidden_drives import FULL, Kind, sized, windows_of  # noqa: E402 - found through the path above
 
-from terrain_cli.windows import segmentation  # noqa: E402 - as above
+from terrain_cli.windows import cut_windows  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "false_cuts_study.txt"
-CUTS = segmentation.needed, segmentation.sinkage_changes
+CUTS = cut_windows.needed, cut_windows.sinkage_changes
 FIRST, SECONDS, TURN = 9_500_000, 200.0, 200.0 / 7.0
 #: A change counts as found within so many seconds.
 NEAR = 2.0
@@ -43,7 +43,7 @@ def counted(job):
     hidden = sized(effect) if effect else {}
     true = TURN * np.arange(1, 7) if soils == 2 else np.zeros(0)
     counts = []
-    for segmentation.needed, segmentation.sinkage_changes in ((_not_joined, _not_cut), CUTS):
+    for cut_windows.needed, cut_windows.sinkage_changes in ((_not_joined, _not_cut), CUTS):
         kind = Kind(effects=hidden, course=course, share=share, seconds=SECONDS, soils=soils)
         (windows,) = windows_of(seed, kind)
         times = windows.samples.time[windows.rows][windows.bounds[1:-1]]

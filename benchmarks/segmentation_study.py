@@ -20,7 +20,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests"), str(HERE.parent / 
 
 from soil_drives import Kind, clean, drive, mixed  # noqa: E402 - found through the path above
 
-from terrain_cli.windows.segmentation import PENALTY, change_points  # noqa: E402 - as above
+from terrain_cli.windows.change_points import PENALTY, change_points  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "segmentation_study.txt"
 PENALTIES = (10.0, 15.0, 20.0, 25.0, 30.0, 40.0)

@@ -93,6 +93,5 @@ def batch(names, output, *, rover=None, settings=None, **order):
     found = batch_inputs.discover([str(name) for name in names])
     known = rovers.load(rovers.find(rover, found[0].location if found else None))
     gathered = worker_tasks.gather(known, settings or Settings(method=METHOD), None)
-    return batch_run.run(
-        [str(name) for name in names], found, str(output), gathered, batch_run.Order(**order)
-    )
+    asked = worker_tasks.Order(configuration=gathered, **order)
+    return batch_run.run([str(name) for name in names], found, str(output), asked)

@@ -17,6 +17,7 @@ from wheel_table import HEADER, ROVER, good, text
 from terrain_cli.app import main
 from terrain_cli.batch import batch_run as batches
 from terrain_cli.batch.coordinator import Tally
+from terrain_cli.batch.worker_tasks import Order
 from terrain_cli.commands import batch, estimate
 from terrain_cli.commands import batch as command
 
@@ -312,4 +313,4 @@ def test_a_batch_without_news_touches_nothing(run):
     before = {path: path.stat().st_mtime_ns for path in Path("out").rglob("*") if path.name != "lock"}
     run("in", "-o", "out")
     assert {path: path.stat().st_mtime_ns for path in before} == before
-    assert batches.Order().largest == 16_000_000_000
+    assert Order(configuration=None).largest == 16_000_000_000

@@ -86,7 +86,7 @@ def test_a_warning_within_a_command_would_be_seen(check, monkeypatch):
     def numbers(*_):
         return np.divide(1.0, np.zeros(1))
 
-    monkeypatch.setattr("terrain_cli.telemetry.derive.plausibility.found", numbers)
+    monkeypatch.setattr("terrain_cli.telemetry.plausibility.found", numbers)
     with pytest.raises(AssertionError, match="unexpected RuntimeWarning"):
         check(drive(), LINE[0])
 

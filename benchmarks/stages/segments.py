@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.harness import Case, Stage
 from benchmarks.rover_bag import GEOMETRY, drive
 from terrain_cli.mechanics import linear
-from terrain_cli.windows.segmentation import change_points
+from terrain_cli.windows.change_points import change_points
 
 if TYPE_CHECKING:
     from pathlib import Path

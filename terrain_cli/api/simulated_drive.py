@@ -13,7 +13,6 @@ from terrain_cli import simulation
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import from_frame
 from terrain_cli.presentation import terminal
-from terrain_cli.simulation import scenario
 from terrain_cli.simulation import simulation_files as truths
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ class SimulatedDrive:
     @cached_property
     def rover(self) -> Rover:
         """The rover, as its file would say."""
-        return rovers.of_text(scenario.rover_text(self.log.scenario))
+        return rovers.of_text(truths.rover_text(self.log.scenario))
 
     @cached_property
     def samples(self) -> list[Samples]:

@@ -13,10 +13,9 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from formats.errors import CannotWriteError, DamagedError, shown
 from formats.output.whole_files import explained
@@ -24,9 +23,8 @@ from terrain_cli.batch import manifest
 from terrain_cli.batch.manifest import Manifest, ManifestEntry, Pointer, Records
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from terrain_cli.batch.batch_inputs import Input
+    from terrain_cli.batch.worker_tasks import Order
 
 MANIFEST, RESULTS, CONFIGURATIONS, STATE = "manifest.jsonl", "results", "configurations", ".state"
 _LOCK, _RECORDS, _NEW, _ASSEMBLED = "lock", "records", "new", "assembled"
@@ -64,12 +62,7 @@ class Folder:
             )
             self.kept = {key: kept for key, kept in self.kept.items() if self.records.read(kept)}
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         self.manifest.close()
         if self.records:
             self.records.close()
@@ -141,7 +134,7 @@ class Folder:
     @property
     def assembled(self) -> bytes:
         """What the mission table in the folder was made of, as it was noted."""
-        return manifest.read_all(self.state / _ASSEMBLED)
+        return b"".join(manifest.lines(self.state / _ASSEMBLED))
 
     @assembled.setter
     def assembled(self, note: bytes) -> None:
@@ -203,19 +196,7 @@ def result_name(location: str, kind: str) -> str:
     return f"{RESULTS}/{readable}-{digest}.{kind}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Wish:
-    """What a batch is asked for."""
-
-    configuration: str  # Hash of what decides on the numbers
-    twin: str = ""  # That of the same but for --salvage, which makes no difference to a whole input
-    salvage: bool = False
-    kind: str = "parquet"  # "parquet" or "csv": of the results
-    force: bool = False  # Do again what is done
-    retry_failed: bool = False  # Do again what failed, although nothing has changed
-
-
-def reason(item: Input, folder: Folder, wish: Wish) -> str | None:
+def reason(item: Input, folder: Folder, order: Order) -> str | None:
     """Say why something is to be done for an input; None if what the manifest says of it still holds."""
     entry = folder.latest.get(item.location)
     if entry is None:
@@ -223,39 +204,39 @@ def reason(item: Input, folder: Folder, wish: Wish) -> str | None:
     key = str(entry.sha256), entry.configuration
     failed = entry.status == "failed"
     duplicate = entry.status == "duplicate"
-    whole = key in folder.kept and folder.has_result(entry, result_name(item.location, wish.kind))
+    whole = key in folder.kept and folder.has_result(entry, result_name(item.location, order.kind))
     reasons = (
-        ("forced", wish.force),
+        ("forced", order.force),
         ("cannot be read", item.problem is not None),
         ("changed", not same(item, entry)),
-        ("other options", not _holds(entry, folder, wish)),
+        ("other options", not _holds(entry, folder, order)),
         ("failed in passing", failed and entry.passing),
-        ("failed before", failed and wish.retry_failed),
+        ("failed before", failed and order.retry_failed),
         ("its copy has changed", duplicate and folder.holders.get(key, item.location) == item.location),
         ("result missing", entry.status == "ok" and not whole),
     )
     return next((why for why, holds in reasons if holds), None)
 
 
-def key(sha256: str, folder: Folder, wish: Wish) -> tuple[str, str]:
+def key(sha256: str, folder: Folder, order: Order) -> tuple[str, str]:
     """Return under which configuration a content is known, or else will be: the key of `Folder.holders`."""
-    own, other = (sha256, wish.configuration), (sha256, wish.twin)
+    own, other = (sha256, order.configuration.hash), (sha256, order.configuration.twin)
     holder = folder.latest.get(folder.holders.get(other, ""))
-    return other if own not in folder.holders and holder and _regardless(holder, wish) else own
+    return other if own not in folder.holders and holder and _regardless(holder, order) else own
 
 
-def _holds(entry: ManifestEntry, folder: Folder, wish: Wish) -> bool:
+def _holds(entry: ManifestEntry, folder: Folder, order: Order) -> bool:
     """Tell whether the options of an entry give what those of now would give."""
-    if entry.configuration != wish.twin:
-        return entry.configuration == wish.configuration
-    holder = folder.holders.get((str(entry.sha256), wish.twin), entry.location)
-    return _regardless(folder.latest[holder], wish)
+    if entry.configuration != order.configuration.twin:
+        return entry.configuration == order.configuration.hash
+    holder = folder.holders.get((str(entry.sha256), order.configuration.twin), entry.location)
+    return _regardless(folder.latest[holder], order)
 
 
-def _regardless(entry: ManifestEntry, wish: Wish) -> bool:
+def _regardless(entry: ManifestEntry, order: Order) -> bool:
     """Tell whether an input is one to which --salvage makes no difference."""
     if entry.status == "failed":
-        return wish.salvage and entry.error_class != DamagedError.__name__
+        return order.configuration.settings.salvage and entry.error_class != DamagedError.__name__
     return entry.recovered_of is None
 
 

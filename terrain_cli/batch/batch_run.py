@@ -16,7 +16,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from formats.limits import COPY_GB
 from formats.source import natural
 from terrain_cli.batch import batch_folder, batch_inputs
 from terrain_cli.batch.batch_folder import CONFIGURATIONS, STATE, Folder
@@ -24,7 +23,7 @@ from terrain_cli.batch.batch_inputs import Arrivals, Input
 from terrain_cli.batch.coordinator import Keeper, Tally
 from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records, decode
 from terrain_cli.batch.worker_pool import LocalPool, Pool
-from terrain_cli.batch.worker_tasks import Configuration, Job, Reply, versions
+from terrain_cli.batch.worker_tasks import Configuration, Order, Reply
 from terrain_cli.errors import InputError, TerrainError, UnfinishedError
 from terrain_cli.presentation.terminal import as_json
 
@@ -204,52 +203,19 @@ def _empty(columns: Sequence[str]) -> Table:
     }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Order:
-    """How a batch is to be run."""
-
-    kind: str = "parquet"  # "parquet" or "csv": of the results
-    also: tuple[str, ...] = ()  # Further kinds of the mission table
-    jobs: int = 1
-    scheduler: str | None = None
-    timeout: float | None = None  # Seconds that one input may take
-    memory: int | None = None  # Bytes that one worker may take
-    largest: int = int(COPY_GB * 1e9)  # Bytes that are copied from a store at the most
-    force: bool = False
-    retry_failed: bool = False
-    fail_fast: bool = False
-    # To go on taking what arrives: seconds for which an input must have stayed as it is
-    settle: float | None = None
-
-    def wish(self, configuration: Configuration) -> batch_folder.Wish:
-        """Return what decides on what is to be done."""
-        return batch_folder.Wish(
-            configuration=configuration.hash,
-            twin=configuration.twin,
-            salvage=configuration.settings.salvage,
-            kind=self.kind,
-            force=self.force,
-            retry_failed=self.retry_failed,
-        )
-
-
-def preview(
-    items: Sequence[Input], directory: str, configuration: Configuration, order: Order
-) -> list[tuple[str, Input]]:
+def preview(items: Sequence[Input], directory: str, order: Order) -> list[tuple[str, Input]]:
     """Return what would be done, and why; the folder need not be there."""
-    with Folder(directory, writable=False) as folder:
-        wish = order.wish(configuration)
-        reasons = [
-            (batch_folder.reason(item, folder, wish), item) for item in items if not folder.own(item.location)
+    with closing(Folder(directory, writable=False)) as folder:
+        inputs = [item for item in items if not folder.own(item.location)]
+        return [
+            (why, item) for item in inputs if (why := batch_folder.reason(item, folder, order)) is not None
         ]
-    return [(why, item) for why, item in reasons if why is not None]
 
 
 def run(
     names: Sequence[str],
     found: Sequence[Input],
     directory: str,
-    configuration: Configuration,
     order: Order,
     report: Callable[[Tally], None] = lambda _: None,
 ) -> Tally:
@@ -259,25 +225,17 @@ def run(
     """
     if order.settle is None and found and all(item.problem for item in found):
         raise next(item.problem for item in found if item.problem)
-    with Folder(directory) as folder:
-        _document(folder, configuration)
-        job = Job(
-            rover=configuration.rover,
-            settings=configuration.resolved,
-            crs=configuration.crs,
-            kind=order.kind,
-            largest=order.largest,
-            versions=versions(),
-        )
+    with closing(Folder(directory)) as folder:
+        _document(folder, order.configuration)
         with closing(_workers(order)) as pool:
-            keeper = Keeper(folder, pool, job, order.wish(configuration))
+            keeper = Keeper(folder, pool, order)
             if order.settle is None:
                 keeper.add(item for item in found if not folder.own(item.location))
                 _finish(keeper, order, report)
                 keeper.lost()
             else:
-                _watch(keeper, names, folder, configuration, order, report)
-        _assemble(folder, configuration, order)
+                _watch(keeper, names, folder, order, report)
+        _assemble(folder, order)
     return keeper.tally
 
 
@@ -299,7 +257,6 @@ def _watch(
     keeper: Keeper,
     names: Sequence[str],
     folder: Folder,
-    configuration: Configuration,
     order: Order,
     report: Callable[[Tally], None],
 ) -> None:
@@ -316,7 +273,7 @@ def _watch(
         if not keeper.idle:
             keeper.step(_TICK)
         elif keeper.tally.done != assembled:
-            _assemble(folder, configuration, order)
+            _assemble(folder, order)
             assembled = keeper.tally.done
         else:
             time.sleep(_TICK)
@@ -329,14 +286,14 @@ def _document(folder: Folder, configuration: Configuration) -> None:
         folder.put(name, as_json(configuration.document).encode() + b"\n")
 
 
-def _assemble(folder: Folder, configuration: Configuration, order: Order) -> None:
+def _assemble(folder: Folder, order: Order) -> None:
     """Bring the mission table up to what the manifest says, if it is not."""
     if not folder.latest:
         return
     kinds = tuple(dict.fromkeys(("parquet", *order.also)))
     names = [*(f"{TABLE}.{kind}" for kind in kinds), SUMMARY]
     parts, account = mission_parts(folder), mission_account(folder)
-    told = [[astuple(part) for part in parts], account, configuration.hash, kinds]
+    told = [[astuple(part) for part in parts], account, order.configuration.hash, kinds]
     digest = sha256(json.dumps(told, default=str).encode()).hexdigest()
 
     def note() -> bytes:
@@ -350,8 +307,8 @@ def _assemble(folder: Folder, configuration: Configuration, order: Order) -> Non
         folder=str(folder.path),
         parts=parts,
         account=account,
-        settings=configuration.settings,
-        crs=configuration.crs,
+        settings=order.configuration.settings,
+        crs=order.configuration.crs,
         kinds=kinds,
     )
     with closing(LocalPool(1)) as desk:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from formats.errors import NotFoundError
 from formats.recovery import told
 from terrain_cli.batch import batch_folder
-from terrain_cli.batch.batch_folder import Folder, Wish, result_name
+from terrain_cli.batch.batch_folder import Folder, result_name
 from terrain_cli.batch.manifest import ManifestEntry, uninterrupted
-from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Job, Reply, Restore, Task, failure
+from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Order, Reply, Restore, Task, failure
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 #: What an input costs beyond its bytes, in bytes: for the time that remains.
 _OVERHEAD = 1_000_000
-#: What a manifest keeps of a reply as it is.
-_TOLD = ("samples", "set_aside", "segments", "recovered", "recovered_of", "warnings")
 
 
 @dataclass(eq=False, kw_only=True)
@@ -73,8 +71,8 @@ class Keeper:
     whatever name, is not computed again.
     """
 
-    def __init__(self, folder: Folder, pool: Pool, job: Job, wish: Wish) -> None:
-        self._folder, self._pool, self._job, self._wish = folder, pool, job, wish
+    def __init__(self, folder: Folder, pool: Pool, order: Order) -> None:
+        self._folder, self._pool, self._order = folder, pool, order
         self.tally = Tally()
         self._queue: deque[_Case] = deque()
         self._ready: deque[tuple[_Case, Task]] = deque()
@@ -91,7 +89,7 @@ class Keeper:
         cases = []
         for item in items:
             entry = self._folder.latest.get(item.location)
-            if batch_folder.reason(item, self._folder, self._wish) is None and entry:
+            if batch_folder.reason(item, self._folder, self._order) is None and entry:
                 self._leave(item, entry)
             elif item.problem:
                 self._unreadable(item, entry)
@@ -119,7 +117,7 @@ class Keeper:
         for ticket, reply in self._pool.collect(seconds):
             self._answered(*self._running.pop(ticket), reply)
         if self.idle and self._copies:
-            copies = [item for item in self._copies if batch_folder.reason(item, self._folder, self._wish)]
+            copies = [item for item in self._copies if batch_folder.reason(item, self._folder, self._order)]
             self._copies.clear()
             self.tally.counts["as before"] -= len(copies)
             self.add(copies)
@@ -135,10 +133,10 @@ class Keeper:
             if case.sha256 is not None:
                 self._decide(case.item.size)
             elif case.shared:
-                self._submit(case, Identify(case.item, self._job))
+                self._submit(case, Identify(case.item, self._order))
             else:
                 # Nothing else has its size: it is read once, to hash and to estimate.
-                self._submit(case, Estimate(case.item, self._job))
+                self._submit(case, Estimate(case.item, self._order))
 
     def _submit(self, case: _Case, task: Task) -> None:
         self._tickets += 1
@@ -157,7 +155,7 @@ class Keeper:
         self._decide(case.item.size)
 
     def _key(self, case: _Case) -> tuple[str, str]:
-        return batch_folder.key(str(case.sha256), self._folder, self._wish)
+        return batch_folder.key(str(case.sha256), self._folder, self._order)
 
     def _holder(self, case: _Case) -> str:
         return self._folder.holders.get(self._key(case), case.item.location)
@@ -174,13 +172,13 @@ class Keeper:
                 self._duplicate(case, holder)
                 continue
             key = self._key(case)
-            record = None if self._wish.force else self._folder.record(key)
+            record = None if self._order.force else self._folder.record(key)
             if record is not None:
                 case.restored, case.configuration = True, key[1]
             self._folder.holders[case.sha256, self._configuration(case)] = case.item.location
-            task: Task = Estimate(case.item, self._job, case.sha256)
+            task: Task = Estimate(case.item, self._order, case.sha256)
             if record is not None:
-                task = Restore(case.item, self._job, case.sha256, record)
+                task = Restore(case.item, self._order, case.sha256, record)
             self._ready.append((case, task))
 
     def _leave(self, item: Input, entry: ManifestEntry) -> None:
@@ -247,22 +245,22 @@ class Keeper:
         kept = self._folder.kept.get((str(case.sha256), self._configuration(case)))
         if reply.record and self._folder.records:
             kept = self._folder.records.add(reply.record)
-        name = result_name(case.item.location, self._job.kind)
+        name = result_name(case.item.location, self._order.kind)
         self._folder.put(name, reply.result)
         return replace(self._entry(case, reply), record=kept, result=name, result_bytes=len(reply.result))
 
     def _configuration(self, case: _Case) -> str:
-        return case.configuration or self._wish.configuration
+        return case.configuration or self._order.configuration.hash
 
     def _entry(self, case: _Case, reply: Reply) -> ManifestEntry:
         return ManifestEntry(
             **{name: getattr(case.item, name) for name in ("path", "location", "size", "stamp")},
             sha256=case.sha256,
             configuration=self._configuration(case),
-            versions=self._job.versions,
+            versions=self._order.versions,
             status="ok",
             exit_code=0,
-            **{name: getattr(reply, name) for name in _TOLD},
+            **reply.told,
             seconds=round(reply.seconds, 3),
             finished=datetime.now(UTC).isoformat(timespec="milliseconds"),
         )

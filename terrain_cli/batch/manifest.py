@@ -58,15 +58,6 @@ def uninterrupted() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def read_all(path: Path) -> bytes:
-    """Return what a file holds; nothing if it is not there."""
-    with explained(str(path)):
-        try:
-            return path.read_bytes()
-        except FileNotFoundError:
-            return b""
-
-
 def lines(path: Path) -> Iterator[bytes]:
     """Read a file line by line, ends of lines included; nothing if it is not there."""
     with explained(str(path)):
@@ -122,10 +113,7 @@ def place(temporary: Path, target: Path) -> None:
 
 def remove(path: Path) -> None:
     with explained(str(path)):
-        try:
-            os.unlink(path)  # noqa: PTH108
-        except FileNotFoundError:
-            return
+        path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,26 +185,22 @@ def parse(line: bytes) -> ManifestEntry | None:
 class Manifest:
     """The entries of a batch, in the order in which they were written.
 
-    `unreadable` lines, from 1, say nothing: their inputs count as never seen. Only where it is writable is a
-    last line that a kill cut off mended.
+    Inputs of lines that cannot be read count as never seen. Only where it is writable is a last line that a
+    kill cut off mended.
     """
 
     def __init__(self, path: Path, *, writable: bool = True) -> None:
         self._path = path
         self.entries: list[ManifestEntry] = []
-        self.unreadable: list[int] = []
         self._descriptor = -1
         self._size = size = 0
-        for number, line in enumerate(lines(path), 1):
+        for line in lines(path):
             size += len(line)
             if not line.endswith(b"\n"):
                 # It was being written when the process died.
                 break
             self._size = size
-            entry = parse(line)
-            if entry is None:
-                self.unreadable.append(number)
-            else:
+            if entry := parse(line):
                 self.entries.append(entry)
         if writable:
             with explained(str(path)):

@@ -75,10 +75,6 @@ class Child:
         """Return what to wait on for `collect`."""
         return self._link.fileno()
 
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
     def begin(self, task: Task) -> None:
         """Send a task to a process that is ready."""
         self.ready = False
@@ -228,16 +224,9 @@ class Pool(Protocol):
     """Workers, wherever they are."""
 
     @property
-    def free(self) -> int: ...
-
-    def submit(self, ticket: int, task: Task) -> None:
-        """Have a task done; at most `free` of them."""
-        ...
-
-    def collect(self, seconds: float) -> list[tuple[int, Reply]]:
-        """Return what was done, with the tickets; wait so many seconds for the first."""
-        ...
-
+    def free(self) -> int: ...  # How many tasks may be submitted
+    def submit(self, ticket: int, task: Task) -> None: ...
+    def collect(self, seconds: float) -> list[tuple[int, Reply]]: ...  # Wait so long for the first
     def close(self) -> None: ...
 
 
@@ -253,10 +242,6 @@ class LocalPool:
     @property
     def free(self) -> int:
         return self._jobs - len(self._busy)
-
-    @property
-    def pids(self) -> list[int]:
-        return [child.pid for child in (*self._idle, *self._busy)]
 
     def submit(self, ticket: int, task: Task) -> None:
         while self._idle:

@@ -1,4 +1,4 @@
-"""What workers are sent: the settings that decide on the numbers, and tasks, functions of these and input."""
+"""What workers are sent: an order with the settings that decide on the numbers, and tasks for each input."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import tempfile
 import time
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from hashlib import sha256
 from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from formats.errors import CannotWriteError, FormatError, NotFoundError, shown
+from formats.limits import COPY_GB
 from terrain_cli import effects, estimation, models
 from terrain_cli.batch import batch_inputs, manifest
 from terrain_cli.errors import TerrainError
@@ -47,12 +48,12 @@ class Configuration:
     crs: str | None
     document: dict[str, Any]  # All that decides on the numbers, for JSON
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """Stands for `document`."""
         return _hash(self.document)
 
-    @property
+    @cached_property
     def twin(self) -> str:
         """The hash if the answer to --salvage were the other one."""
         options = self.document["options"]
@@ -139,43 +140,47 @@ class Reply:
     # result, record: the file of the result, and the record for the mission table
     result: bytes = b""
     record: bytes = b""
-    # samples, set_aside, segments, recovered, recovered_of, warnings, seconds: as in `ManifestEntry`
-    samples: int | None = None
-    set_aside: int | None = None
-    segments: int | None = None
-    recovered: float | None = None
-    recovered_of: str | None = None
-    warnings: list[str] = field(default_factory=list)
+    told: dict[str, Any] = field(default_factory=dict)  # What a `ManifestEntry` keeps of it as it is
     seconds: float = 0.0
 
-    def tell(self, account: dict[str, Any]) -> None:
-        """Take what there is to tell from the account of an input."""
-        wheels, salvage = account["wheels"], account["salvage"]
-        self.samples = sum(wheel["samples"] for wheel in wheels)
-        self.set_aside = sum(wheel["samples"] - wheel["used"] for wheel in wheels)
-        self.warnings = list(dict.fromkeys(remark for wheel in wheels for remark in wheel["remarks"]))
-        if salvage and (salvage["damage"] or salvage["set_aside"]):
-            self.recovered, self.recovered_of = salvage["fraction"], salvage["fraction_of"]
+
+def _told(account: dict[str, Any]) -> dict[str, Any]:
+    """Return what there is to tell of the account of an input."""
+    wheels, salvage = account["wheels"], account["salvage"]
+    told = {
+        "samples": sum(wheel["samples"] for wheel in wheels),
+        "set_aside": sum(wheel["samples"] - wheel["used"] for wheel in wheels),
+        "warnings": list(dict.fromkeys(remark for wheel in wheels for remark in wheel["remarks"])),
+    }
+    if salvage and (salvage["damage"] or salvage["set_aside"]):
+        told |= {"recovered": salvage["fraction"], "recovered_of": salvage["fraction_of"]}
+    return told
 
 
 class Task(Protocol):
     """Something a worker can be sent to do."""
 
-    def run(self) -> Reply:
-        """Do it. What it raises is a failure of this task alone."""
-        ...
+    def run(self) -> Reply: ...  # What it raises is a failure of this task alone
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
-    """What is the same for all inputs of a batch."""
+class Order:
+    """How a batch is to be run: what is the same for all its inputs."""
 
-    rover: Rover
-    settings: Settings
-    crs: str | None
-    kind: str  # "parquet" or "csv": of the results
-    largest: int  # Bytes that are copied from a store at the most
-    versions: dict[str, str] = field(default_factory=dict)  # Of the keeper
+    configuration: Configuration
+    kind: str = "parquet"  # "parquet" or "csv": of the results
+    also: tuple[str, ...] = ()  # Further kinds of the mission table
+    jobs: int = 1
+    scheduler: str | None = None
+    timeout: float | None = None  # Seconds that one input may take
+    memory: int | None = None  # Bytes that one worker may take
+    largest: int = int(COPY_GB * 1e9)  # Bytes that are copied from a store at the most
+    force: bool = False  # Do again what is done
+    retry_failed: bool = False  # Do again what failed, although nothing has changed
+    fail_fast: bool = False
+    # To go on taking what arrives: seconds for which an input must have stayed as it is
+    settle: float | None = None
+    versions: dict[str, str] = field(default_factory=versions)  # Of the keeper
 
 
 @dataclass(frozen=True)
@@ -183,11 +188,11 @@ class Identify:
     """Hash an input whose content may be known already."""
 
     item: Input
-    job: Job
+    order: Order
 
     def run(self) -> Reply:
         started = time.monotonic()
-        with opened(self.item, self.job.largest) as path:
+        with opened(self.item, self.order.largest) as path:
             reply = Reply(sha256=batch_inputs.content_hash(path))
         reply.seconds = time.monotonic() - started
         return reply
@@ -198,15 +203,15 @@ class Estimate:
     """Do what `terrain-est estimate` does for one input."""
 
     item: Input
-    job: Job
+    order: Order
     sha256: str | None = None
 
     def run(self) -> Reply:
         """Return its result, or why there is none."""
         reply, started, path = Reply(sha256=self.sha256), time.monotonic(), ""
         try:
-            _check_versions(self.job.versions)
-            with opened(self.item, self.job.largest) as path:
+            _check_versions(self.order.versions)
+            with opened(self.item, self.order.largest) as path:
                 reply.sha256 = self.sha256 or batch_inputs.content_hash(path)
                 self._estimate(path, reply)
         except Exception as error:  # noqa: BLE001 - one input must not stop the rest
@@ -218,13 +223,14 @@ class Estimate:
     def _estimate(self, path: str, reply: Reply) -> None:
         from terrain_cli.run import one_log
 
-        outcome = one_log.run(path, self.job.rover, self.job.settings)
-        reply.tell(outcome.account)
+        configuration = self.order.configuration
+        outcome = one_log.run(path, configuration.rover, configuration.resolved)
+        reply.told = _told(outcome.account)
         if outcome.error:
             raise outcome.error
         table = {**outcome.table, "source": [self.item.path] * len(outcome.table["source"])}
-        reply.segments = len(table["source"])
-        reply.result = as_file(table, self.job)
+        reply.told["segments"] = len(table["source"])
+        reply.result = as_file(table, self.order)
         reply.record = manifest.encode(table, estimation.join(outcome.estimates), outcome.account)
 
 
@@ -233,25 +239,26 @@ class Restore:
     """Write a result again whose record is there."""
 
     item: Input
-    job: Job
+    order: Order
     sha256: str
     record: bytes
 
     def run(self) -> Reply:
         table, _, account = manifest.decode(self.record, self.item.path)
-        reply = Reply(sha256=self.sha256, result=as_file(table, self.job), segments=len(table["source"]))
-        reply.tell(account)
-        return reply
+        told = {**_told(account), "segments": len(table["source"])}
+        return Reply(sha256=self.sha256, result=as_file(table, self.order), told=told)
 
 
-def as_file(table: Table, job: Job) -> bytes:
+def as_file(table: Table, order: Order) -> bytes:
     """Return the bytes of the file that `terrain-est estimate -o` would write."""
     import formats
     from terrain_cli.presentation import segment_table
 
     with tempfile.TemporaryDirectory(prefix="terrain-est-") as folder:
-        file = Path(folder, f"result.{job.kind}")
-        formats.write_table(table, str(file), crs=segment_table.reference_system(table, job.crs))
+        file = Path(folder, f"result.{order.kind}")
+        formats.write_table(
+            table, str(file), crs=segment_table.reference_system(table, order.configuration.crs)
+        )
         return file.read_bytes()
 
 
@@ -268,7 +275,6 @@ def opened(item: Input, largest: int) -> Iterator[str]:
 
 
 def _check_versions(keeper: dict[str, str]) -> None:
-
     own = versions()
     differ = [
         f"{name} {own.get(name)} instead of {number}"

@@ -19,10 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.batch.batch_inputs import Input
-    from terrain_cli.batch.batch_run import Order
     from terrain_cli.batch.coordinator import Tally
     from terrain_cli.batch.manifest import ManifestEntry
-    from terrain_cli.batch.worker_tasks import Configuration
+    from terrain_cli.batch.worker_tasks import Order
 
 #: Seconds between two pictures on a terminal, and between two lines in a file.
 _ON_TERMINAL, _IN_FILE = 0.2, 10.0
@@ -161,8 +160,8 @@ def command(context: click.Context, /, **_: Any) -> int:
     options.with_defaults(context, rover.estimate)
     given = context.params
     _check_kinds(given["also"])
-    gathered = worker_tasks.gather(rover, options.settings(given), given["crs"])
-    order = batch_run.Order(
+    order = worker_tasks.Order(
+        configuration=worker_tasks.gather(rover, options.settings(given), given["crs"]),
         **{name: given[name] for name in ("kind", "scheduler", "timeout")},
         **{name: given[name] for name in ("force", "retry_failed", "fail_fast")},
         also=tuple(given["also"]),
@@ -172,10 +171,10 @@ def command(context: click.Context, /, **_: Any) -> int:
         settle=given["settle"] if given["watch"] else None,
     )
     if given["dry_run"]:
-        for why, item in batch_run.preview(found, given["output"], gathered, order):
+        for why, item in batch_run.preview(found, given["output"], order):
             terminal.say(f"{why}\t{terminal.in_line(item.path)}")
         return 0
-    return _run(found, gathered, order, given)
+    return _run(found, order, given)
 
 
 def _check_kinds(kinds: tuple[str, ...]) -> None:
@@ -188,13 +187,13 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
             raise UsageError(f"--also {kind}: no such kind of table", hint=error.hint) from None
 
 
-def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: dict[str, Any]) -> int:
+def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
     from terrain_cli.batch import batch_run
 
     before = signal.signal(signal.SIGTERM, _stop)
     progress = Rate(enabled=not given["quiet"])
     try:
-        tally = batch_run.run(given["inputs"], found, given["output"], gathered, order, progress.show)
+        tally = batch_run.run(given["inputs"], found, given["output"], order, progress.show)
     except (KeyboardInterrupt, EndedError) as end:
         # A second one is for the same.
         for name in (signal.SIGINT, *ENDINGS):

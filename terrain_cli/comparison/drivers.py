@@ -9,7 +9,7 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.derive.effect_inputs import RUT, WITH_COURSE
+from terrain_cli.telemetry.effect_inputs import RUT, WITH_COURSE
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.windows.cut_windows import at_rows
 

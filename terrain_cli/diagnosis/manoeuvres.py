@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison.comparison_outcome import UNITS
-from terrain_cli.telemetry.derive.effect_inputs import RUT
+from terrain_cli.telemetry.effect_inputs import RUT
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -23,7 +23,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.diagnosis.refit_ranking import FORMS, absent, bent
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
 from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.derive.effect_inputs import RUT
+from terrain_cli.telemetry.effect_inputs import RUT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

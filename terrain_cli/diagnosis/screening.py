@@ -17,7 +17,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Siz
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import model_change
-from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
+from terrain_cli.telemetry.effect_inputs import CONSTANTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

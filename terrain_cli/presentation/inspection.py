@@ -15,10 +15,9 @@ from terrain_cli import telemetry
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.rover.vehicle import FILE_NAME
-from terrain_cli.telemetry import Plan, bags
+from terrain_cli.telemetry import Plan, bags, rover_advice, topic_discovery
 from terrain_cli.telemetry.alignment import seconds
-from terrain_cli.telemetry.plan import rover_advice, topic_discovery
-from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.raw_columns import read_topics, stamps
 from terrain_cli.vocabulary.channels import CHANNELS

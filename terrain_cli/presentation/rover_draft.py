@@ -8,8 +8,8 @@ from terrain_cli.errors import TerrainError
 from terrain_cli.presentation import inspection
 from terrain_cli.presentation.terminal import in_line
 from terrain_cli.rover import Rover
-from terrain_cli.telemetry.plan import rover_advice, topic_discovery
-from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.telemetry import rover_advice, topic_discovery
+from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 

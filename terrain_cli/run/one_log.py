@@ -11,8 +11,8 @@ from terrain_cli.errors import InputError
 from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.presentation import segment_table
 from terrain_cli.run import long_log
-from terrain_cli.telemetry.derive.unit_doubts import Doubt
-from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.telemetry.mapping import is_table
+from terrain_cli.telemetry.unit_doubts import Doubt
 from terrain_cli.windows import cut_windows, locations
 
 if TYPE_CHECKING:

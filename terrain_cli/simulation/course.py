@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.simulation.profiles import STEP, generator, smooth
 from terrain_cli.simulation.scenario import Place, Scenario
+from terrain_cli.simulation.sensors import generator
 from terrain_cli.telemetry.derived_channels import STANDING
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
+#: Times between the points of a course in s.
+STEP = 0.01
+#: s, over which every change is rounded off: no motor, and no derivative, knows a corner.
+FLANK = 0.5
 #: In m: no rover comes back to the millimetre.
 _SAME_SPOT = 0.01
 #: Of one wheel: they swing with phases of their own.
@@ -27,7 +31,7 @@ OF_WHEEL = frozenset({"slip", "load"})
 
 @dataclass(frozen=True)
 class Course:
-    """Time series of the body, at intervals of `profiles.STEP`."""
+    """Time series of the body, at intervals of `STEP`."""
 
     time: Array  # shape (n,): in s since the start
     # shape (n,): velocity, pitch, roll, slip_angle, yaw_rate, acceleration, motor_temperature, heading, x, y,
@@ -37,7 +41,7 @@ class Course:
 
 @dataclass(frozen=True)
 class Ride:
-    """Time series of one wheel, at intervals of `profiles.STEP`."""
+    """Time series of one wheel, at intervals of `STEP`."""
 
     place: Place
     time: Array  # shape (n,)
@@ -106,6 +110,15 @@ def _profiles(scenario: Scenario, whose: str, time: Array, names: Iterable[str])
             series[here] = part.profiles[name].over(time[here] - start, part.duration, rng)
         start += part.duration
     return {name: smooth(series) for name, series in found.items()}
+
+
+def smooth(values: Array) -> Array:
+    """Round off the corners and steps of a course (at intervals of `STEP`), over `FLANK`."""
+    half = round(FLANK / STEP / 2.0)
+    window = np.hanning(2 * half + 3)[1:-1]
+    padded = np.pad(values, half, mode="edge")
+    # A constant comes out as it went in, to the last digit.
+    return np.asarray(values[0] + np.convolve(padded - values[0], window / window.sum(), mode="valid"))
 
 
 def _integral(rate: Array) -> Array:

@@ -11,7 +11,6 @@ from terrain_cli import models
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.wheel_model import WheelGeometry
 from terrain_cli.simulation import perfect_sensors
-from terrain_cli.simulation.profiles import profile_rule
 from terrain_cli.simulation.scenario import (
     START,
     Chosen,
@@ -21,6 +20,7 @@ from terrain_cli.simulation.scenario import (
     effects_rule,
     find,
     places,
+    profile_rule,
     settle,
     soils_rule,
 )

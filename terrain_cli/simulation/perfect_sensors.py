@@ -17,9 +17,8 @@ from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
-from terrain_cli.simulation.course import Ride, plan, ride, standing
-from terrain_cli.simulation.profiles import STEP
-from terrain_cli.telemetry.derive.effect_inputs import RUT
+from terrain_cli.simulation.course import STEP, Ride, plan, ride, standing
+from terrain_cli.telemetry.effect_inputs import RUT
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -250,7 +249,7 @@ def _without(base: Any, effects: Iterable[Any], *quantities: str) -> Model:
 
 
 def wheel_speed(velocity: Array, slip: Array, radius: float) -> Array:
-    """Return ω (rad/s) of a wheel that moves at V with a slip i: the inverse of `telemetry.derive.slip`."""
+    """Return ω (rad/s) of a wheel that moves at V with a slip i: the inverse of `derived_channels.slip`."""
     with np.errstate(divide="ignore", invalid="ignore"):
         driving = velocity / (radius * (1.0 - np.minimum(slip, 0.999)))
     return np.where(slip >= 0.0, driving, velocity * (1.0 + slip) / radius)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 
 from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
@@ -14,12 +16,11 @@ from terrain_cli.vocabulary import toml_files
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
-
     from terrain_cli.mechanics.effect import Effect, Parameter
-    from terrain_cli.simulation.profiles import Profile
     from terrain_cli.simulation.sensors import Sensor
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.choices import Base
+    from terrain_cli.vocabulary.toml_files import Rule
 
 WONG = "Wong, Theory of Ground Vehicles, table of terrain values"
 _LUNAR = "Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., 2010"
@@ -270,6 +271,69 @@ def places(count: int) -> tuple[Place, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class Profile:
+    """A quantity over one part of a drive: it varies in time by ramps, by steps or as a swing.
+
+    It is written as a number; as a list of values, evenly spaced in time, with straight lines between; as
+    ``{ steps = [...] }``, evenly long, one after another; or as ``{ mean = …, swing = …, period = … }``,
+    smooth and never repeating.
+    """
+
+    form: Literal["ramps", "steps", "swing"]
+    values: tuple[float, ...]  # Of the ramps or steps; of a swing its mean, its amplitude and its period in s
+
+    def over(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
+        """Evaluate the profile over times since its part began, in s; `rng` gives the phases of a swing."""
+        if self.form == "ramps":
+            return np.asarray(np.interp(time, np.linspace(0.0, duration, len(self.values)), self.values))
+        if self.form == "steps":
+            place = np.floor(time / duration * len(self.values) + 1e-9).astype(int)
+            values = np.array(self.values, dtype=np.float64)
+            return np.asarray(values[np.clip(place, 0, len(values) - 1)])
+        mean, swing, period = self.values
+        # Three sines whose periods have no common multiple.
+        lengths = period / np.sqrt([1.0, 3.0, 8.0])
+        phases = rng.uniform(0.0, math.tau, 3)
+        weights = np.array([0.5, 0.3, 0.2])
+        return np.asarray(mean + swing * np.sin(math.tau * np.divide.outer(time, lengths) + phases) @ weights)
+
+
+def profile_rule(what: str, low: float, high: float) -> Rule:
+    """Return the rule for a `Profile` with values within bounds, which `what` says in words."""
+    number = toml_files.number(what, low, high)
+    swing = toml_files.table(
+        {
+            "mean": number,
+            "swing": toml_files.number("a number, at least 0", 0.0),
+            "period": toml_files.number("a positive number of seconds", toml_files.ABOVE_ZERO),
+        }
+    )
+    steps = toml_files.table({"steps": toml_files.several(number)})
+
+    def rule(value: Any, place: str) -> Profile:
+        if isinstance(value, list) and value:
+            return Profile("ramps", tuple(toml_files.several(number)(value, place)))
+        if isinstance(value, dict) and "steps" in value:
+            values = steps(value, place)["steps"]
+            toml_files.require(dict.fromkeys(["steps"] * bool(values)), place, "steps")
+            return Profile("steps", tuple(values))
+        if isinstance(value, dict):
+            given = swing(value, place)
+            toml_files.require(given, place, "mean", "swing", "period")
+            if not low <= given["mean"] - given["swing"] <= given["mean"] + given["swing"] <= high:
+                raise ConfigurationError(f"{place}: swings beyond what it can be: each value is {what}")
+            return Profile("swing", (given["mean"], given["swing"], given["period"]))
+        if isinstance(value, list | str | bool):
+            raise ConfigurationError(
+                f"{place}: must be a number, a list of numbers, {{ steps = […] }} or "
+                f"{{ mean = …, swing = …, period = … }}, not {value!r}"
+            )
+        return Profile("ramps", (number(value, place),))
+
+    return rule
+
+
+@dataclass(frozen=True, slots=True)
 class DrivePart:
     """A stretch of the drive."""
 
@@ -317,46 +381,3 @@ class Scenario:
     def effect_values(self) -> dict[str, float]:
         """Return the parameters of all effects by their qualified names."""
         return {name: value for chosen in self.effects for name, value in chosen.qualified().items()}
-
-
-JOINTS = "/joint_states"
-#: A file that begins so may be replaced.
-HEADER = "# Written by terrain-est simulate, which replaces it as long as this line stands first."
-
-
-def identifier(wheel: str) -> str:
-    """Return the name of a wheel as topics and joints have it: no hyphens."""
-    return wheel.replace("-", "_")
-
-
-def joint(wheel: str) -> str:
-    return f"{identifier(wheel)}_joint"
-
-
-def rover_text(scenario: Scenario) -> str:
-    """Write what a reader of the log needs to know of the rover; nothing of its effects."""
-    wheel = scenario.geometry
-    lines = [
-        HEADER,
-        "# Tables name their columns as channels: the entries with a topic are for bags.",
-        "",
-        "[wheel]",
-        f"radius = {toml_files.value(wheel.radius)}  # m",
-        f"width = {toml_files.value(wheel.width)}  # m",
-    ]
-    if wheel.grouser_count:
-        lines.append(f"grouser_count = {wheel.grouser_count}")
-        lines.append(f"grouser_height = {toml_files.value(wheel.grouser_height)}  # m")
-    shear_modulus = toml_files.value(scenario.soils[0].shear_modulus)
-    lines += ["", "[soil]", f"shear_modulus = {shear_modulus}  # m, of {scenario.soils[0].name}"]
-    for place in scenario.wheels:
-        lines += ["", f"[wheels.{toml_files.key(place.name)}]"]
-        if len(scenario.wheels) > 1:
-            lines.append(f"position = {toml_files.value([place.x, place.y, 0.0])}  # m")
-        entry = {"topic": JOINTS, "field": "effort", "name": joint(place.name), "unit": "N m"}
-        lines += [
-            f"[wheels.{toml_files.key(place.name)}.channels]",
-            "# A JointState does not say whether its effort is a torque or a current.",
-            f"torque = {toml_files.value(entry)}",
-        ]
-    return "\n".join(lines) + "\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import zlib
 from dataclasses import asdict, dataclass, field
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.simulation.profiles import generator
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, unit_hint
 
@@ -115,6 +115,11 @@ class Sensor:
         """Return what differs from a perfect sensor, for the truth: SI, amounts as {"share", "absolute"}."""
         perfect = asdict(Sensor())
         return {name: value for name, value in asdict(self).items() if value != perfect[name]}
+
+
+def generator(seed: int, key: str) -> np.random.Generator:
+    """Return random numbers for `key` that stay the same when others are drawn or not."""
+    return np.random.default_rng([seed, zlib.crc32(key.encode())])
 
 
 def _interval(time: Array) -> float:

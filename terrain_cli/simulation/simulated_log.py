@@ -11,12 +11,21 @@ import numpy as np
 from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.simulation import course, drive_file, perfect_sensors
-from terrain_cli.simulation.profiles import generator
 from terrain_cli.simulation.scenario import Chosen, Scenario, drawn
-from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, OF_BODY, SLIP, Sensor, clock, ten_digits
+from terrain_cli.simulation.sensors import (
+    CHANNELS_WRITTEN,
+    OF_BODY,
+    SLIP,
+    Sensor,
+    clock,
+    generator,
+    ten_digits,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from terrain_cli.simulation.course import Ride
     from terrain_cli.vocabulary.arrays import Array, Index
@@ -249,21 +258,19 @@ def truth_table(log: SimulatedLog) -> dict[str, Array | list[str]]:
     """
     names = (*channels(log.scenario), "slip", "true_load", "true_slip", "true_sinkage")
     soils = log.scenario.soils
-    parts, labels = [], []
+    called = np.array([soil.name for soil in soils], dtype=object)
+    values = [soil.values(log.scenario.geometry.width) for soil in soils]
+    parts = []
     for wheel, truth in log.truth.items():
         own = truth["soil"].astype(int)
-        columns = {name: ten_digits(truth[name]) for name in names}
-        rows = [soil.values(log.scenario.geometry.width) for soil in soils]
+        columns: dict[str, NDArray[Any]] = {"soil": called[own]}
+        columns |= {name: ten_digits(truth[name]) for name in names}
         for parameter, column in SOIL_COLUMNS.items():
-            columns[column] = np.array([row[parameter] for row in rows])[own]
+            columns[column] = np.array([row[parameter] for row in values])[own]
         for parameter, number in log.scenario.effect_values().items():
             columns[parameter] = np.full(len(own), number)
         parts.append((wheel, truth["time"], columns))
-        labels += [soils[number].name for number in own]
-    stacked = _stack(log, parts)
-    order = _order(parts)
-    soil = [labels[row] for row in order]
-    return {"time": stacked.pop("time"), "wheel": stacked.pop("wheel"), "soil": soil, **stacked}
+    return _stack(log, parts)
 
 
 #: Parameter → its column in the truth.
@@ -276,20 +283,17 @@ SOIL_COLUMNS = {
 }
 
 
-def _order(parts: list[tuple[str, Array, dict[str, Array]]]) -> Index:
-    return np.argsort(np.concatenate([time for _, time, _ in parts]), kind="stable")
-
-
 def _stack(
-    log: SimulatedLog, parts: list[tuple[str, Array, dict[str, Array]]]
+    log: SimulatedLog, parts: Sequence[tuple[str, Array, Mapping[str, NDArray[Any]]]]
 ) -> dict[str, Array | list[str]]:
-    order = _order(parts)
     time = np.concatenate([time for _, time, _ in parts])
+    order = np.argsort(time, kind="stable")
     wheels = [name for name, time, _ in parts for _ in time]
     stacked: dict[str, Array | list[str]] = {
         "time": np.round(log.scenario.start + time[order], 6),
         "wheel": [wheels[row] for row in order],
     }
-    for channel in parts[0][2]:
-        stacked[channel] = np.concatenate([columns[channel] for _, _, columns in parts])[order]
+    for name in parts[0][2]:
+        column = np.concatenate([columns[name] for _, _, columns in parts])[order]
+        stacked[name] = column.tolist() if column.dtype == object else column
     return stacked

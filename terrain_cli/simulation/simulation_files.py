@@ -13,20 +13,32 @@ import numpy as np
 import formats
 from formats.output.bag_writer import Topic, write_bag
 from formats.output.text_writer import PACKINGS, write_packed
-from terrain_cli.simulation import scenario
 from terrain_cli.simulation import simulated_log as logs
-from terrain_cli.simulation.scenario import JOINTS, Scenario, identifier, joint
 from terrain_cli.simulation.simulated_log import TOGETHER, SimulatedLog, SimulatedSeries, truth_table
+from terrain_cli.vocabulary import toml_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from terrain_cli.simulation.scenario import Scenario
     from terrain_cli.vocabulary.arrays import Array
 
 #: One stamped number; the name of the topic says of what.
 NUMBER = "terrain_est_msgs/msg/Float64Stamped"
 NUMBER_DEFINITION = "std_msgs/Header header\nfloat64 data\n"
 FORMAT = "terrain-est/truth/1"
+JOINTS = "/joint_states"
+#: A file that begins so may be replaced.
+HEADER = "# Written by terrain-est simulate, which replaces it as long as this line stands first."
+
+
+def identifier(wheel: str) -> str:
+    """Return the name of a wheel as topics and joints have it: no hyphens."""
+    return wheel.replace("-", "_")
+
+
+def joint(wheel: str) -> str:
+    return f"{identifier(wheel)}_joint"
 
 
 def topics(log: SimulatedLog) -> list[Topic]:
@@ -240,7 +252,7 @@ def write(log: SimulatedLog, destination: str, *, truth: str | None = None, rove
             _write_truth(log, stack.enter_context(formats.replacing(truth)))
         if rover:
             temporary = stack.enter_context(formats.replacing(rover))
-            Path(temporary).write_text(scenario.rover_text(log.scenario), encoding="utf-8")
+            Path(temporary).write_text(rover_text(log.scenario), encoding="utf-8")
         write_log(log, destination)
 
 
@@ -252,10 +264,39 @@ def _write_truth(log: SimulatedLog, path: str) -> None:
     Path(path).write_text(text + "\n", encoding="utf-8")
 
 
+def rover_text(scenario: Scenario) -> str:
+    """Write what a reader of the log needs to know of the rover; nothing of its effects."""
+    wheel = scenario.geometry
+    lines = [
+        HEADER,
+        "# Tables name their columns as channels: the entries with a topic are for bags.",
+        "",
+        "[wheel]",
+        f"radius = {toml_files.value(wheel.radius)}  # m",
+        f"width = {toml_files.value(wheel.width)}  # m",
+    ]
+    if wheel.grouser_count:
+        lines.append(f"grouser_count = {wheel.grouser_count}")
+        lines.append(f"grouser_height = {toml_files.value(wheel.grouser_height)}  # m")
+    shear_modulus = toml_files.value(scenario.soils[0].shear_modulus)
+    lines += ["", "[soil]", f"shear_modulus = {shear_modulus}  # m, of {scenario.soils[0].name}"]
+    for place in scenario.wheels:
+        lines += ["", f"[wheels.{toml_files.key(place.name)}]"]
+        if len(scenario.wheels) > 1:
+            lines.append(f"position = {toml_files.value([place.x, place.y, 0.0])}  # m")
+        entry = {"topic": JOINTS, "field": "effort", "name": joint(place.name), "unit": "N m"}
+        lines += [
+            f"[wheels.{toml_files.key(place.name)}.channels]",
+            "# A JointState does not say whether its effort is a torque or a current.",
+            f"torque = {toml_files.value(entry)}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
 def rover_is_in_the_way(destination: Path) -> bool:
     """Tell whether a rover file is there that was not written by this program."""
     try:
-        return not destination.read_text("utf-8").startswith(scenario.HEADER)
+        return not destination.read_text("utf-8").startswith(HEADER)
     except FileNotFoundError:
         return False
     except (OSError, UnicodeDecodeError):

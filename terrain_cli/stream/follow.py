@@ -15,8 +15,8 @@ from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.run.one_log import nothing_usable
 from terrain_cli.stream import followed_wheel
-from terrain_cli.stream.arriving_samples import RowSamples
-from terrain_cli.telemetry.derive.usable_samples import BACKWARDS
+from terrain_cli.stream.arriving_samples import MessageSamples, RowSamples
+from terrain_cli.telemetry.usable_samples import BACKWARDS
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -42,20 +42,11 @@ _NOTHING = "of a table a header and rows are needed, of a bag messages"
 class Teller(Protocol):
     """Who is told what happens."""
 
-    def closed(self, row: Table) -> None:
-        """Take the row of a segment that has closed."""
-
-    def open(self, rows: list[Table]) -> None:
-        """Take the rows of the segments that are open."""
-
-    def now(self, text: str) -> None:
-        """Take what is said in one line of the open segments."""
-
-    def again(self, row: Table) -> None:
-        """Take the row of a segment as all that was followed tells it."""
-
-    def remark(self, text: str) -> None:
-        """Take what a person should know."""
+    def closed(self, row: Table) -> None: ...  # Of a segment that has closed
+    def open(self, rows: list[Table]) -> None: ...  # Of the segments that are open
+    def now(self, text: str) -> None: ...  # What is said in one line of the open segments
+    def again(self, row: Table) -> None: ...  # Of a segment as all that was followed tells it
+    def remark(self, text: str) -> None: ...  # What a person should know
 
 
 class Follow:
@@ -109,7 +100,12 @@ class Follow:
     def _begin(self, *, wait: bool = False) -> None:
         """Tell what is read; what is missing may `wait` for a topic that begins later."""
         try:
-            samples = self._new_samples()
+            effects = None if self._file is None else self._file.model.effects
+            given = self._rover, self._settings, effects
+            rows = self._rows
+            samples: ArrivingSamples = (
+                RowSamples(rows, *given) if isinstance(rows, ArrivingRows) else MessageSamples(rows, *given)
+            )
             came = self._rows.take()
             samples.check(came)
         except (ConfigurationError, InputError):
@@ -118,14 +114,6 @@ class Follow:
         else:
             self._samples = samples
             self._take(came)
-
-    def _new_samples(self) -> ArrivingSamples:
-        effects = None if self._file is None else self._file.model.effects
-        if isinstance(self._rows, ArrivingRows):
-            return RowSamples(self._rows, self._rover, self._settings, effects)
-        from terrain_cli.stream.arriving_messages import MessageSamples
-
-        return MessageSamples(self._rows, self._rover, self._settings, effects)
 
     def _take(self, came: Any) -> None:
         if came is not None and self._samples is not None:

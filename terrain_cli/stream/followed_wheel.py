@@ -17,12 +17,12 @@ from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.long_log import BEHIND, with_behind
 from terrain_cli.stream.model_watch import ModelWatch
-from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry import effect_inputs
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows import cut_windows
-from terrain_cli.windows.segmentation.online_cuts import SETTLED, OnlineCuts
+from terrain_cli.windows.online_cuts import SETTLED, OnlineCuts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -63,10 +63,8 @@ _WATCHED_AFTER = 25.0
 _LOOK = 5.0
 #: Samples that are taken at once where a model is watched.
 _TOGETHER = 64
-#: Pieces that are joined together: every sample is copied twice or so, however few come at a time.
-_PIECES = 32
-#: Samples of a piece that is not joined with small ones.
-_LARGE = 1024
+#: Pieces that are held before all are joined: so many that copies of long segments take no time.
+_PIECES = 1024
 
 
 @dataclass
@@ -80,46 +78,33 @@ class OpenSegment:
     """Usable samples in the order of time; those set aside are counted behind the one before."""
 
     def __init__(self) -> None:
-        self._large: list[Samples] = []
-        self._small: list[Samples] = []
+        self._pieces: list[Samples] = []
         #: Samples, and those set aside ahead of the first.
         self.count = self.ahead = 0
 
     def add(self, samples: Samples) -> None:
         """Take the samples that follow, with what is behind each among their drivers."""
         self.count += len(samples)
-        if len(samples) >= _LARGE:
-            self._join()
-            self._large.append(samples)
-        else:
-            self._small.append(samples)
-        if len(self._small) >= _PIECES:
-            self._join()
-        if len(self._large) >= _PIECES * _PIECES:
-            self._large = [joined(self._large)]
-
-    def _join(self) -> None:
-        if self._small:
-            self._large.append(joined(self._small))
-            self._small = []
+        self._pieces.append(samples)
+        if len(self._pieces) > _PIECES:
+            self.whole()
 
     def set_aside(self, count: int) -> None:
         """Count samples that are set aside."""
         if self.count:
-            (self._small or self._large)[-1].drivers[BEHIND][-1] += count
+            self._pieces[-1].drivers[BEHIND][-1] += count
         else:
             self.ahead += count
 
     def whole(self) -> Samples:
         """Return all of it; one sample at least."""
-        self._join()
-        self._large = [joined(self._large)]
-        return self._large[0]
+        self._pieces = [joined(self._pieces)]
+        return self._pieces[0]
 
     def split(self, first: int) -> Samples:
         """Take the first so many samples away, and return them."""
         whole = self.whole()
-        self._large = [] if first == self.count else [whole.taken(slice(first, None))]
+        self._pieces = [] if first == self.count else [whole.taken(slice(first, None))]
         self.count -= first
         return whole if not self.count else whole.taken(slice(0, first))
 

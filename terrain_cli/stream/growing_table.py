@@ -77,14 +77,11 @@ class GrowingTable:
         write_text(normalise(row), text, self._kind, crs, "WKT")
         # The names of the columns stand there once.
         again = self._kind == "csv" and self._begun
-        self._say(text.getvalue().partition("\n")[2] if again else text.getvalue())
-        self._begun = True
-
-    def _say(self, text: str) -> None:
         assert self._stream is not None  # noqa: S101 - entered
         with explained(self._destination):
-            self._stream.write(text)
+            self._stream.write(text.getvalue().partition("\n")[2] if again else text.getvalue())
             self._stream.flush()
+        self._begun = True
 
 
 def readable(row: segment_table.Table) -> str:

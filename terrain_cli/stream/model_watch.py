@@ -19,7 +19,7 @@ from terrain_cli.comparison import prediction
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.windows import cut_windows
-from terrain_cli.windows.segmentation.running_moments import correlation_factor
+from terrain_cli.windows.running_moments import correlation_factor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import formats
-from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import raw_channels, raw_columns
-from terrain_cli.telemetry.derive import effect_inputs
-from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
-from terrain_cli.telemetry.derive.usable_samples import Condition
-from terrain_cli.telemetry.long_logs import Excerpt, PartReader, Request, in_parts
-from terrain_cli.telemetry.plan import rover_advice
-from terrain_cli.telemetry.plan.mapping import is_table, plan
+from terrain_cli.errors import InputError, nearest
+from terrain_cli.telemetry import effect_inputs, raw_channels, raw_columns, rover_advice
+from terrain_cli.telemetry.assembly import Request, assemble, check, lacking, wheel_of
+from terrain_cli.telemetry.long_logs import Excerpt, PartReader, in_parts
+from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
+from terrain_cli.telemetry.usable_samples import Condition
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from formats import Batch, Source
     from terrain_cli.effects import Effect
@@ -73,12 +70,11 @@ def read_source(
     request = _request(
         source, rover, wheels=wheels, where=where, effects=effects, compared=compared, kept=kept
     )
-    check = partial(_check, request, compared=compared)
     begin, rest = _begun(request, most)
-    if most is not None and begin is not None and rest is not None:
-        result = Excerpt(most // 2, in_parts(request, begin, rest, check)).samples()
+    if most is not None and rest is not None:
+        result = Excerpt(most // 2, in_parts(request, begin, rest)).samples()
     else:
-        result = _whole(request, begin, check, compared=compared)
+        result = _whole(request, begin)
         if most is not None and sum(map(len, result)) > most:
             result = Excerpt(most // 2, result).samples()
     if not any(len(samples) for samples in result):
@@ -92,13 +88,12 @@ def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Sa
     Of what `read_source` may be asked, wheels, where and effects.
     """
     request = _request(source, rover, **asked)
-    check = partial(_check, request, compared=False)
     timed = any(feed.channel == "time" for feed in request.layout.every_feed)
     # Steady test points belong together by their labels, wherever they stand.
     begin, rest = _begun(request, rows if timed else None)
-    if begin is not None and rest is not None:
-        return in_parts(request, begin, rest, check)
-    result = _whole(request, begin, check, compared=False)
+    if rest is not None:
+        return in_parts(request, begin, rest)
+    result = _whole(request, begin)
     if not any(len(samples) for samples in result):
         raise _nothing(request)
     return result
@@ -115,7 +110,7 @@ def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
             f"{source.label}: no column is the time of a row, without which nothing can be followed",
             hint="name one in its header (time, or stamp_ns), or in rover.toml under [channels]",
         )
-    return PartReader(request, partial(_check, request, compared=False), evident=False)
+    return PartReader(request, evident=False)
 
 
 def _request(
@@ -149,25 +144,24 @@ def _request(
         wheels=tuple(wheels),
         where=where,
         effects=effects,
+        compared=compared,
     )
 
 
-def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iterator[Batch] | None]:
+def _begun(request: Request, rows: int | None) -> tuple[list[Batch], Iterator[Batch] | None]:
     """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
     if rows is None or not is_table(request.layout.source):
-        return None, None
+        return [], None
     names = raw_channels.fields(request.layout, request.channels, request.extras)
     return raw_columns.begin(request.layout.source, names, rows)
 
 
-def _whole(
-    request: Request, begin: list[Batch] | None, check: Callable[[list[Raw]], None], *, compared: bool
-) -> list[Samples]:
+def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
     layout, rover = request.layout, request.rover
     raws = read_raw(layout, rover, request.channels, request.extras, named=request.wheels, batches=begin)
-    if compared:
+    if request.compared:
         _drop_empty(raws)
-    check(raws)
+    check(request, raws)
     result = []
     while raws:
         result.append(assemble(layout, raws.pop(0), rover, request.where, request.effects, layout.extras))
@@ -188,26 +182,6 @@ def _nothing(request: Request) -> InputError:
     return InputError(f"{request.layout.source.path}: there are no samples{where}")
 
 
-def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
-    layout, rover, effects = request.layout, request.rover, request.effects or ()
-    lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
-    if compared:
-        # A model predicts what is there: any one of these will do.
-        lacks = {
-            raw.wheel: [
-                lack
-                for lack in lacks[raw.wheel]
-                if lack.what not in PREDICTED or raw.channels.keys().isdisjoint(PREDICTED)
-            ]
-            for raw in raws
-        }
-    if any(lacks.values()):
-        raise _cannot_give(layout, lacks, rover)
-    lacks = {raw.wheel: effect_inputs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}
-    if any(lacks.values()):
-        raise _model_cannot_be_fitted(layout, lacks, rover)
-
-
 def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[str]]:
     """Split what a condition reads into columns of the file and channels."""
     headers = {f.name for f in layout.source.streams()[0].fields} if is_table(layout.source) else set[str]()
@@ -221,57 +195,3 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
             hint=f"there are {', '.join(sorted(headers | known))}",
         )
     return sorted(columns), where.names - columns
-
-
-def lacking(raw: Raw, rover: Rover) -> list[rover_advice.Lack]:
-    """Say what is missing for an estimate under one wheel: channels, then what rover.toml does not say."""
-    wheel = wheel_of(raw, rover)
-    return rover_advice.routes(raw.channels, wheel, rover)[1] + rover_advice.settings(wheel, rover)
-
-
-def _cannot_give(
-    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
-) -> InputError | ConfigurationError:
-    """Say all that is missing, and the lines of rover.toml that would supply it."""
-    reasons: dict[str, list[str]] = {}
-    for wheel, missing in lacks.items():
-        for reason in rover_advice.reasons(layout, wheel, [lack for lack in missing if lack.what in NEEDED]):
-            reasons.setdefault(reason, []).append(wheel)
-    lines = rover_advice.lines(layout, lacks)
-    if rover.path is None:
-        lines += "\n# terrain-est init drafts this file from the log"
-    if not reasons:
-        first = f"{rover.path} does not give" if rover.path else "there is no rover.toml to give"
-        what = " and ".join(dict.fromkeys(lack.because for missing in lacks.values() for lack in missing))
-        add = f"add to {rover.path}:" if rover.path else "write it beside the input, or name it with --rover:"
-        return ConfigurationError(f"{first} {what}", hint=f"{add}\n{lines}")
-    parts = [
-        text if len(wheels) == len(lacks) else f"wheel {', '.join(wheels)}: {text}"
-        for text, wheels in reasons.items()
-    ]
-    return InputError(
-        f"{layout.source.path}: c and φ cannot be estimated: {'; '.join(parts)}",
-        hint=f"add to {rover.label} (terrain-est inspect shows what there is):\n{lines}",
-    )
-
-
-def _model_cannot_be_fitted(
-    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
-) -> InputError | ConfigurationError:
-    """Say which effect needs what, and how to supply it."""
-    missing = [lack for several in lacks.values() for lack in several]
-    text = "; ".join(dict.fromkeys(lack.because for lack in missing))
-    if all(lack.lines for lack in missing):
-        return ConfigurationError(
-            f"{rover.label}: {text}", hint=f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}"
-        )
-    hints = []
-    if any(lack.ask or lack.lines for lack in missing):
-        hints.append(f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}")
-    columns = dict.fromkeys(lack.what for lack in missing if not (lack.ask or lack.lines))
-    if columns:
-        there = f"; this one has {', '.join(layout.extras)}" if layout.extras else ""
-        hints.append(
-            f"{', '.join(columns)}: no channel, but a numeric column that a table (CSV, Parquet) has{there}"
-        )
-    return InputError(f"{layout.source.path}: {text}", hint="\n".join(hints))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -74,48 +73,26 @@ def resample(clock: Array, time: Array, values: Array, max_gap: float | None = N
         order = order[np.isfinite(time[order])]
         time, values = time[order], values[order]
     known = ~np.isnan(values)
-    if known.all():
-        return neighbours(clock, time, max_gap).between(values)
-    here = np.clip(np.searchsorted(time, clock), 0, len(time) - 1)
-    without = resample(clock, time[known], values[known], max_gap)
-    return np.where(time[here] == clock, values[here], without)
+    if not known.all():
+        here = np.clip(np.searchsorted(time, clock), 0, len(time) - 1)
+        without = resample(clock, time[known], values[known], max_gap)
+        return np.where(time[here] == clock, values[here], without)
+    if not len(time):
+        return np.full(len(clock), np.nan)
+    gap = default_gap(time) if max_gap is None else max_gap
+    after = np.minimum(np.searchsorted(time, clock), len(time) - 1)
+    before = np.maximum(after - 1, 0)
+    start, end, following = time[before], time[after], values[after]
+    inside = (start < clock) & (clock < end) & (end - start <= gap + RESOLUTION)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(inside, (clock - start) / (end - start), np.nan)
+        between = values[before] + share * (following - values[before])
+    return np.where(end == clock, following, between)
 
 
 def ascends(time: Array) -> bool:
     """Tell whether every time is a number, and none is earlier than the one before."""
     return bool(np.isfinite(time).all() and (time[1:] >= time[:-1]).all())
-
-
-@dataclass(frozen=True, slots=True)
-class Neighbours:
-    """Where the times of a clock lie between the samples of a topic: the same for all its channels."""
-
-    after: Index  # The sample at each time, or the next; shape (n,)
-    #: How far the time is from the sample before to that; NaN where nothing may be interpolated; shape (n,).
-    share: Array
-    exact: Mask  # The sample is of this very time; shape (n,)
-
-    def between(self, values: Array) -> Array:
-        """Interpolate values of the samples, of which none is NaN."""
-        if len(values) == 0:
-            return np.full(len(self.after), np.nan)
-        following, before = values[self.after], values[np.maximum(self.after - 1, 0)]
-        with np.errstate(invalid="ignore"):
-            return np.where(self.exact, following, before + self.share * (following - before))
-
-
-def neighbours(clock: Array, time: Array, max_gap: float | None = None) -> Neighbours:
-    """Find the samples (ascending times in s) on either side of each time of a clock; see `resample`."""
-    if len(time) == 0:
-        nothing = np.zeros(len(clock), dtype=np.intp)
-        return Neighbours(nothing, np.full(len(clock), np.nan), nothing > 0)
-    gap = default_gap(time) if max_gap is None else max_gap
-    after = np.minimum(np.searchsorted(time, clock), len(time) - 1)
-    start, end = time[np.maximum(after - 1, 0)], time[after]
-    inside = (start < clock) & (clock < end) & (end - start <= gap + RESOLUTION)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(inside, (clock - start) / (end - start), np.nan)
-    return Neighbours(after, share, end == clock)
 
 
 def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:

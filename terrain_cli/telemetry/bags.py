@@ -32,28 +32,6 @@ class _Topic:
     wheels: Labels | None
 
 
-class _Bridges:
-    """Brings channels from the times of one topic to those of another.
-
-    Six wheels, and several channels of one topic, ask for the same places: finding these but once
-    saves half of what is done with ten minutes of messages after they are read.
-    """
-
-    def __init__(self, topics: Mapping[str, _Topic], max_gap: float | None) -> None:
-        self._topics = topics
-        self._max_gap = max_gap
-        self._known: dict[tuple[str, str], alignment.Neighbours] = {}
-
-    def brought(self, ends: tuple[str, str], clock: Array, time: Array, values: Array) -> Array:
-        """Return the values at the times of the clock; `ends` are its topic and that of the channel."""
-        whole = clock is self._topics[ends[0]].time and time is self._topics[ends[1]].time
-        if not whole or np.isnan(values).any():
-            return alignment.resample(clock, time, values, self._max_gap)
-        if ends not in self._known:
-            self._known[ends] = alignment.neighbours(clock, time, self._max_gap)
-        return self._known[ends].between(values)
-
-
 def fields(plan: Plan, wanted: Collection[str]) -> dict[str, list[str]]:
     """Tell which fields of which topics are read for some channels; those without a feed are passed over."""
     found: dict[str, set[str]] = {}
@@ -89,11 +67,10 @@ def wheels(
     )
     labels = (topics[feed.topic].wheels for feed in ordered if feed.topic in topics)
     result = []
-    bridges = _Bridges(topics, max_gap)
     for name in choose(next((found for found in labels if found is not None), None)):
         key = match_name(name, plan.wheels) or name
         feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
-        raw = _wheel(name, clocks, feeds, topics, bridges, whole=whole)
+        raw = _wheel(name, clocks, feeds, topics, max_gap, whole=whole)
         raw.remarks += clocks.remarks
         result.append(raw)
     return result
@@ -171,7 +148,7 @@ def _wheel(
     clocks: TopicClocks,
     feeds: dict[str, Feed],
     topics: Mapping[str, _Topic],
-    bridges: _Bridges,
+    max_gap: float | None,
     *,
     whole: bool,
 ) -> Raw:
@@ -204,9 +181,8 @@ def _wheel(
     # What comes out is the caller's own, whatever wheels share a topic.
     raw.time = time.copy()
     for channel, (own, values) in series.items():
-        ends = feeds[clock].topic, feeds[channel].topic
-        same = ends[0] == ends[1] and np.array_equal(own, time)
-        raw.channels[channel] = values.copy() if same else bridges.brought(ends, time, own, values)
+        same = feeds[clock].topic == feeds[channel].topic and np.array_equal(own, time)
+        raw.channels[channel] = values.copy() if same else alignment.resample(time, own, values, max_gap)
     for channel, feed in feeds.items():
         if CHANNELS[channel].dimension == LABEL:
             raw.labels[channel] = _latest(raw.time, topics, feed, name)

@@ -26,22 +26,10 @@ _BLOCK = 8192
 
 
 def slip(angular_velocity: ArrayLike, velocity: ArrayLike, radius: float) -> Array:
-    """Slip of a wheel: i = 1 − V/(rω) driving, rω/V − 1 skidding.
+    """Slip of a wheel: i = 1 − V/(rω) driving, rω/V − 1 skidding; NaN where the wheel stands.
 
-    Wong, *Theory of Ground Vehicles*, chapter 1. The same in reverse, where both ω and V are
-    negative. Above 1 where the wheel rolls back against its rotation.
-
-    Parameters
-    ----------
-    angular_velocity, velocity : array_like, shape (n,)
-        ω in rad/s, V of the wheel centre in m/s.
-    radius : float
-        r in m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where the wheel stands.
+    Wong, *Theory of Ground Vehicles*, chapter 1; ω in rad/s, V of the wheel centre in m/s, r in m. The same
+    in reverse, where both ω and V are negative. Above 1 where the wheel rolls back against its rotation.
     """
     omega = np.asarray(angular_velocity, dtype=float)
     turning = np.where(np.abs(omega) > STANDING, omega, np.nan)
@@ -71,25 +59,9 @@ def torque_from_current(
 ) -> Array:
     """Torque at the wheel, T = η N Kt (1 + α (Tm − T0)) (I − I0).
 
-    The no-load current I0 acts against the rotation. Without ω it is taken against the
-    current, which then gives no torque until it exceeds I0. The efficiency η is that of a
-    motor which drives.
-
-    Parameters
-    ----------
-    current : array_like, shape (n,)
-        I in A.
-    motor : Motor
-        Kt, N, η, α, T0 and I0.
-    temperature : array_like, shape (n,), optional
-        Tm of the motor in °C; without it the motor is at T0.
-    angular_velocity : array_like, shape (n,), optional
-        ω in rad/s.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        T in N m.
+    In N m, of I in A, the temperature Tm of the motor in °C (T0 if not known) and ω in rad/s. The no-load
+    current I0 acts against the rotation. Without ω it is taken against the current, which then gives no
+    torque until it exceeds I0. The efficiency η is that of a motor which drives.
     """
     current = np.asarray(current, dtype=float)
     if angular_velocity is None:
@@ -158,22 +130,9 @@ def wheel_loads(pitch: ArrayLike, roll: ArrayLike, vehicle: Vehicle, positions: 
     - rocker-bogie, 6 wheels: besides, the two wheels of each bogie balance about its pivot.
       The bogie has the two wheels of its side between which its pivot lies.
 
-    Parameters
-    ----------
-    pitch, roll : array_like, shape (n,)
-        θ, positive nose up, and ρ, positive left side up, in rad.
-    positions : array_like, shape (wheels, 3)
-        Where each wheel touches the ground: x, y, z in m.
-
-    Returns
-    -------
-    ndarray, shape (n, wheels)
-        N; negative where only a pull would keep the wheel down, which is to be set aside.
-
-    Raises
-    ------
-    ConfigurationError
-        The suspension does not fit the number or the places of the wheels.
+    θ, positive nose up, and ρ, positive left side up, are in rad; `positions`, shape (wheels, 3), are where
+    the wheels touch the ground, in m. N, shape (n, wheels), is negative where only a pull would keep the
+    wheel down, which is to be set aside. ConfigurationError where the suspension does not fit the wheels.
     """
     positions = np.asarray(positions, dtype=float).reshape(-1, 3)
     pitch, roll = (np.atleast_1d(np.asarray(angle, dtype=float)) for angle in (pitch, roll))

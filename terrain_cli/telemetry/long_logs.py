@@ -11,21 +11,25 @@ import numpy as np
 from formats import Batch, Column, Labels
 from formats.recovery import told
 from terrain_cli.processes import keep_freed
-from terrain_cli.telemetry import alignment, bags, own_clocks, raw_channels, raw_columns
-from terrain_cli.telemetry.derive import plausibility, usable_samples
-from terrain_cli.telemetry.derive.assembly import assemble
-from terrain_cli.telemetry.derive.effect_inputs import ANGLE
-from terrain_cli.telemetry.derive.unit_doubts import Doubt, UnitEvidence
+from terrain_cli.telemetry import (
+    alignment,
+    bags,
+    own_clocks,
+    plausibility,
+    raw_channels,
+    raw_columns,
+    usable_samples,
+)
+from terrain_cli.telemetry.assembly import Request, assemble, check
+from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
-from terrain_cli.telemetry.wheel_samples import Notice, Plan, Raw, Samples, joined_columns
+from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
+from terrain_cli.telemetry.wheel_samples import Notice, Raw, Samples
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from terrain_cli.effects import Effect
-    from terrain_cli.rover import Rover
     from terrain_cli.telemetry.bags import TopicClocks
-    from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.own_clocks import OwnClocks
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
@@ -88,7 +92,15 @@ class Excerpt:
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
-    """Join parts of one wheel, with the words of the first."""
+    """Join parts of one wheel, with the words of the first; NaN where one lacks a column."""
+
+    def columns(of: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+        names = dict.fromkeys(name for own in of for name in own)
+        nothing = [np.full(len(part), np.nan) for part in parts]
+        return {
+            name: np.concatenate([own.get(name, none) for own, none in zip(of, nothing, strict=True)])
+            for name in names
+        }
 
     def optional(values: Sequence[Array | None]) -> Array | None:
         known = [value for value in values if value is not None]
@@ -98,14 +110,14 @@ def joined(parts: Sequence[Samples]) -> Samples:
     return replace(
         first,
         time=optional([part.time for part in parts]),
-        channels=joined_columns(parts, lambda part: part.channels),
+        channels=columns([part.channels for part in parts]),
         labels={
             name: raw_columns.join_labels([part.labels[name] for part in parts]) for name in first.labels
         },
         stretch=np.concatenate([part.stretch for part in parts]),
         distance=optional([part.distance for part in parts]),
         set_aside=raw_columns.join_labels([part.set_aside for part in parts]),
-        drivers=joined_columns(parts, lambda part: part.drivers),
+        drivers=columns([part.drivers for part in parts]),
     )
 
 
@@ -128,32 +140,16 @@ def notes(samples: Sequence[Samples]) -> list[str]:
     return [*dict.fromkeys(saved), *excerpted(samples)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """What is to be read of a table."""
-
-    layout: Plan
-    rover: Rover
-    channels: frozenset[str]
-    extras: tuple[str, ...]
-    #: Only these; all if empty.
-    wheels: tuple[str, ...]
-    where: Condition | None
-    effects: Sequence[Effect] | None
-
-
-def in_parts(
-    request: Request, begin: list[Batch], rest: Iterable[Batch], check: Callable[[list[Raw]], None]
-) -> Iterator[Samples]:
+def in_parts(request: Request, begin: list[Batch], rest: Iterable[Batch]) -> Iterator[Samples]:
     """Yield the samples of a table part by part.
 
     Distance, stretches, the angle of the wheel and the clock's origin go on from part to part.
 
-    The first batches are emptied; `check` refuses wheels of which something is missing. Parts come of each
-    wheel in turn. What a person should know stands in the first part of a wheel.
+    The first batches are emptied. Parts come of each wheel in turn. What a person should know stands in the
+    first part of a wheel.
     """
     keep_freed()
-    reader = PartReader(request, check)
+    reader = PartReader(request)
     for table, first, last in _tables(begin, rest):
         yield from reader.parts(table, first, last)
     reader.end()
@@ -162,11 +158,10 @@ def in_parts(
 class PartReader:
     """Makes samples of one part of a table, or of the topics of a bag, after another."""
 
-    def __init__(self, request: Request, check: Callable[[list[Raw]], None], *, evident: bool = True) -> None:
+    def __init__(self, request: Request, *, evident: bool = True) -> None:
         self.request = request
         #: Whether every part is evidence on the units; of small ones only those that are asked for.
         self._evident = evident
-        self._check = check
         self._ends: dict[str, _End] = {}
         self._seen: set[str] = set()
         self._nameless = 0
@@ -177,7 +172,7 @@ class PartReader:
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
         raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], self._choose)
         self._nameless += raw_channels.nameless(layout, table, slice(first, last))
-        self._check([raw for raw in raws if raw.wheel not in self._ends])
+        check(request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
             if raw.wheel not in self._ends:
@@ -187,9 +182,9 @@ class PartReader:
 
     def check(self, tables: Mapping[str, dict[str, Column]]) -> None:
         """Refuse a bag of which something is missing."""
-        request = self.request
-        max_gap = request.rover.max_gap
-        self._check(bags.wheels(request.layout, tables, request.channels, self._choose, max_gap))
+        request, max_gap = self.request, self.request.rover.max_gap
+        raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap)
+        check(request, raws)
 
     def topics(
         self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
@@ -200,7 +195,7 @@ class PartReader:
         """
         request, max_gap = self.request, self.request.rover.max_gap
         raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap, clocks)
-        self._check([raw for raw in raws if raw.wheel not in self._ends])
+        check(request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             self._ends.setdefault(raw.wheel, _End(clocks=None))
             time = np.empty(0) if raw.time is None else raw.time

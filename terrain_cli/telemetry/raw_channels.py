@@ -9,7 +9,7 @@ import numpy as np
 from formats import LOG_TIME, Batch, Column, Labels
 from terrain_cli.errors import ConfigurationError, InputError, nearest
 from terrain_cli.telemetry import bags, own_clocks, raw_columns
-from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
+from terrain_cli.telemetry.mapping import is_table, only_wheel
 from terrain_cli.telemetry.raw_columns import read_topics
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL

@@ -79,13 +79,11 @@ def as_numbers(column: Column) -> Array:
 
 def _measurable(values: Array) -> Array:
     size = np.abs(values)
-    # Nearly always there is nothing of the kind.
-    if not ((size > _LARGEST) | ((size < _SMALLEST) & (size > 0.0))).any():
-        return values
     large, small = (size > _LARGEST) & (size < np.inf), (size < _SMALLEST) & (size > 0.0)
-    if large.any() or small.any():
-        return np.where(large, np.copysign(_LARGEST, values), np.where(small, 0.0, values))
-    return values
+    # Nearly always there is nothing of the kind.
+    if not (large | small).any():
+        return values
+    return np.where(large, np.copysign(_LARGEST, values), np.where(small, 0.0, values))
 
 
 def _number(text: str) -> float:

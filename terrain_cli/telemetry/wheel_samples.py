@@ -79,22 +79,14 @@ class Feed:
         names = self.fields if len(self.fields) < 2 else (several,)
         return " ".join(filter(None, (self.topic, *names)))
 
+    @cache  # noqa: B019 - of a stream the words of its few feeds are asked for with every row
     def __str__(self) -> str:
-        return _origin(self)
-
-    def _words(self) -> str:
         text = self.place if self.constant is None else f"constant {self.constant}"
         text += f" · {self.scale:g}" * (self.scale != 1.0) + f" {self.offset:+g}" * (self.offset != 0.0)
         if self.unit and self.unit.symbol != "1":
             text += f" in {self.unit.symbol}"
         notes = "; ".join(filter(None, (self.note, "rover.toml" * self.asked)))
         return f"{text} ({notes})" if notes else text
-
-
-@cache
-def _origin(feed: Feed) -> str:
-    """Remember the words: of a stream they are asked for with every row."""
-    return feed._words()  # noqa: SLF001 - the other half of it
 
 
 @dataclass(kw_only=True)
@@ -294,14 +286,3 @@ class Samples:
         return {
             self.set_aside.names[j]: int(counts[j]) for j in np.argsort(-counts, kind="stable") if counts[j]
         }
-
-
-def joined_columns(
-    parts: Sequence[Samples], of: Callable[[Samples], Mapping[str, Array]]
-) -> dict[str, Array]:
-    """Join the channels or drivers of some samples, NaN where one lacks a column."""
-    names = dict.fromkeys(name for part in parts for name in of(part))
-    return {
-        name: np.concatenate([of(part).get(name, np.full(len(part), np.nan)) for part in parts])
-        for name in names
-    }

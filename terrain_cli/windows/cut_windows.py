@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
@@ -11,14 +12,21 @@ from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
-from terrain_cli.windows import segmentation
+from terrain_cli.windows.change_points import (
+    change_points,
+    checked_distance,
+    needed,
+    sinkage_changes,
+    whole_windows,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
+    from terrain_cli.windows.change_points import Breaks
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
 #: kept of one at least.
@@ -176,7 +184,7 @@ def cut(
                 f"{samples.source}: wheel {samples.wheel}: there is no terrain label to cut by",
                 hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
             )
-        bounds = segmentation.label_windows(labels.codes[rows], breaks=breaks)
+        bounds = label_windows(labels.codes[rows], breaks=breaks)
     elif method == "fixed":
         if (window_samples is None) == (window_distance is None):
             raise UsageError(
@@ -188,7 +196,7 @@ def cut(
                 f"{samples.source}: wheel {samples.wheel}: nothing gives the distance (velocity, or x and y)",
                 hint="use --window-samples N",
             )
-        bounds = segmentation.fixed_windows(
+        bounds = fixed_windows(
             len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
         )
     elif method == "auto":
@@ -205,15 +213,56 @@ def cut(
         load, sinkage, slip = (
             samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip")
         )
-        changes = segmentation.change_points(x[lined_up], y[lined_up], breaks=own, **limits)
-        changes = segmentation.needed(x[lined_up], y[lined_up], followed, changes, own)
-        changes = segmentation.sinkage_changes(load, sinkage, slip, followed, changes, **limits)
+        changes = change_points(x[lined_up], y[lined_up], breaks=own, **limits)
+        changes = needed(x[lined_up], y[lined_up], followed, changes, own)
+        changes = sinkage_changes(load, sinkage, slip, followed, changes, **limits)
         # A wheel that skids between two soils belongs to the first: no line tells.
         inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
-        bounds = segmentation.whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
+        bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
     else:
-        bounds = segmentation.whole_windows(len(rows), breaks=breaks)
+        bounds = whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
+
+
+def label_windows(codes: ArrayLike, *, breaks: Breaks = ()) -> Bounds:
+    """Return a window for each run of samples with the same label, or all without one."""
+    labels = np.asarray(codes)
+    changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
+    return whole_windows(len(labels), breaks=np.concatenate([changes, np.asarray(breaks, dtype=np.intp)]))
+
+
+def fixed_windows(
+    n: int,
+    *,
+    samples: int | None = None,
+    metres: float | None = None,
+    distance: ArrayLike | None = None,
+    breaks: Breaks = (),
+) -> Bounds:
+    """Return windows of one length; what is left at the end of a stretch is a window of its own.
+
+    `distance`, metres driven up to each sample, never falls; `metres` needs it. Lengths are counted anew from
+    each break.
+    """
+    bounds = whole_windows(n, breaks=breaks)
+    if (samples is None) == (metres is None):
+        raise ValueError("give either samples or metres")
+    if samples is not None:
+        if samples < 1:
+            raise ValueError(f"a window of {samples} samples holds nothing")
+        starts = [np.arange(a, b, samples) for a, b in pairwise(bounds)]
+        return np.unique(np.concatenate([bounds, *starts]))
+    if distance is None:
+        raise ValueError("windows in metres need the distance")
+    if not float(metres or 0.0) > 0.0:
+        raise ValueError(f"a window of {metres} m holds nothing")
+    driven = checked_distance(distance, n)
+    inner = []
+    for a, b in pairwise(bounds):
+        # A hair before the mark: 0.3 m are three windows of 0.1 m whatever the rounding.
+        window = np.floor((driven[a:b] - driven[a]) / metres + 1e-9)
+        inner.append(a + 1 + np.flatnonzero(window[1:] != window[:-1]))
+    return np.unique(np.concatenate([bounds, *inner])).astype(np.intp)
 
 
 def check_number(source: str, count: int) -> None:

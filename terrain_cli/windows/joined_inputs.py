@@ -9,17 +9,15 @@ import numpy as np
 
 from formats import Labels
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry.derive import effect_inputs, usable_samples
-from terrain_cli.telemetry.raw_columns import join_labels
-from terrain_cli.telemetry.wheel_samples import joined_columns
+from terrain_cli.telemetry import effect_inputs, usable_samples
+from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.windows.cut_windows import Windows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from terrain_cli.effects import Effect
     from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array, Mask
 
 #: s between the end of an input and the start of the next.
 _PAUSE = 1000.0
@@ -88,31 +86,20 @@ def with_inputs(several: Sequence[Windows], effects: Sequence[Effect]) -> list[W
 
 def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
     samples = [windows.samples for windows in parts]
-    sizes = [len(one) for one in samples]
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    stretches = np.concatenate([[0], np.cumsum([1 + int(one.stretch.max(initial=-1)) for one in samples])])
-    bounds = np.concatenate([[0], np.cumsum([len(windows.rows) for windows in parts])])
-    first = samples[0]
-    joined = replace(
-        first,
+    aside = [np.zeros(len(one), dtype=bool) if one.aside is None else one.aside for one in samples]
+    whole = replace(
+        joined(list(_in_turn(samples))),
         source=", ".join(dict.fromkeys(one.source for one in samples)),
-        time=_times(samples),
-        channels=joined_columns(samples, lambda one: one.channels),
-        labels=_labels(samples),
-        drive=None,
-        aside=None if all(one.aside is None for one in samples) else np.concatenate([*map(_aside, samples)]),
-        total=None,
-        stretch=np.concatenate([one.stretch + at for one, at in zip(samples, stretches, strict=False)]),
-        distance=None
-        if any(one.distance is None for one in samples)
-        else np.concatenate([one.distance for one in samples if one.distance is not None]),
-        set_aside=join_labels([one.set_aside for one in samples]),
         remarks=[remark for one in samples for remark in one.remarks],
-        drivers=joined_columns(samples, lambda one: one.drivers),
+        drive=None,
+        aside=None if all(one.aside is None for one in samples) else np.concatenate(aside),
+        total=None,
     )
-    joined.drivers.update(effect_inputs.of_samples(joined, turning))
+    whole.drivers.update(effect_inputs.of_samples(whole, turning))
+    starts = np.cumsum([0, *map(len, samples)])
+    bounds = np.cumsum([0, *(len(windows.rows) for windows in parts)])
     return Windows(
-        joined,
+        whole,
         np.concatenate([windows.rows + at for windows, at in zip(parts, starts, strict=False)]),
         np.concatenate(
             [[0], *(windows.bounds[1:] + at for windows, at in zip(parts, bounds, strict=False))]
@@ -122,38 +109,37 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
     )
 
 
-def _aside(samples: Samples) -> Mask:
-    return np.zeros(len(samples), dtype=bool) if samples.aside is None else samples.aside
-
-
-def _times(samples: Sequence[Samples]) -> Array | None:
+def _in_turn(samples: Sequence[Samples]) -> Iterator[Samples]:
     """Let each input begin after the one before it has ended, whatever its clock says."""
-    parts, end = [], 0.0
-    for one in samples:
-        if one.time is None:
-            return None
-        known = one.time[np.isfinite(one.time)]
-        start = float(known.min()) if len(known) else 0.0
-        moved = one.time - start + end
-        parts.append(moved)
-        end = float(np.nanmax(moved, initial=end)) + _PAUSE
-    return np.concatenate(parts)
+    names = dict.fromkeys(["run", *(name for one in samples for name in one.labels)])
+    measured = all(one.distance is not None for one in samples)
+    end, stretch = 0.0, 0
+    for number, one in enumerate(samples, 1):
+        time = one.time
+        if time is not None:
+            known = time[np.isfinite(time)]
+            time = time - (float(known.min()) if len(known) else 0.0) + end
+            end = float(np.nanmax(time, initial=end)) + _PAUSE
+        yield replace(
+            one,
+            time=time,
+            labels=_labels(one, names, f"input {number}"),
+            stretch=one.stretch + stretch,
+            distance=one.distance if measured else None,
+        )
+        stretch += 1 + int(one.stretch.max(initial=-1))
 
 
-def _labels(samples: Sequence[Samples]) -> dict[str, Labels]:
-    """Join the labels; runs of different inputs are different, and an input without them is one."""
-    found = {}
-    for name in dict.fromkeys(["run", *(name for one in samples for name in one.labels)]):
-        parts = []
-        for number, one in enumerate(samples):
-            own = one.labels.get(name)
-            if name == "run" and own is None:
-                parts.append(Labels(np.zeros(len(one), dtype=np.int32), (f"input {number + 1}",)))
-            elif own is None:
-                parts.append(Labels(np.full(len(one), -1, dtype=np.int32), ()))
-            elif name == "run":
-                parts.append(Labels(own.codes, tuple(f"input {number + 1} {run}" for run in own.names)))
-            else:
-                parts.append(own)
-        found[name] = join_labels(parts)
+def _labels(samples: Samples, names: Iterable[str], place: str) -> dict[str, Labels]:
+    """Return all labels of an input: its runs are its own, and without any it is one."""
+    found = {
+        name: samples.labels.get(name, Labels(np.full(len(samples), -1, dtype=np.int32), ()))
+        for name in names
+    }
+    runs = samples.labels.get("run")
+    found["run"] = (
+        Labels(np.zeros(len(samples), dtype=np.int32), (place,))
+        if runs is None
+        else Labels(runs.codes, tuple(f"{place} {run}" for run in runs.names))
+    )
     return found

@@ -8,9 +8,7 @@ extrapolated, and no sample is placed where the table says two things.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from hashlib import sha256
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,7 +16,7 @@ import numpy as np
 import formats
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.telemetry import Samples, alignment
-from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.raw_columns import as_clock, as_labels, as_numbers, read_whole
 from terrain_cli.vocabulary.channels import identify, resolve
 
@@ -72,16 +70,6 @@ def load(path: str, crs: str | None = None) -> Places:
     Columns are known by their names: those of the channels time, longitude, latitude, x and y with their
     aliases and units, site, drive and pose, and those of PLACES.
     """
-    try:
-        known = Path(path).stat()
-    except OSError:
-        return _load(path, crs, 0, 0)
-    return _load(path, crs, known.st_mtime_ns, known.st_size)
-
-
-@lru_cache(maxsize=4)
-def _load(path: str, crs: str | None, _changed: int, _size: int) -> Places:
-    """Read a table once for many inputs; again when the file has changed."""
     source = formats.open_source(path)
     if not is_table(source):
         raise InputError(f"{path}: a localisation table is CSV or Parquet", hint=_HINT)

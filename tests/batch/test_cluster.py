@@ -16,7 +16,7 @@ import missions
 import pytest
 
 from terrain_cli.batch import batch_inputs
-from terrain_cli.batch.worker_tasks import Estimate, Job
+from terrain_cli.batch.worker_tasks import Estimate, Order, gather
 from terrain_cli.rover import Rover
 from terrain_cli.run.settings import Settings
 
@@ -207,7 +207,8 @@ def test_inputs_that_workers_cannot_see(folder, tmp_path):
     path = Path(shutil.copy(folder / "in/b.csv", tmp_path))
     item = batch_inputs.local(str(path))
     path.unlink()
-    reply = Estimate(item, Job(rover=Rover(), settings=Settings(), crs=None, kind="csv", largest=0)).run()
+    order = Order(configuration=gather(Rover(), Settings(), None), kind="csv", largest=0)
+    reply = Estimate(item, order).run()
     assert (reply.failure.exit_code, reply.failure.passing) == (66, True)
 
 

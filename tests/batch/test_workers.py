@@ -31,6 +31,10 @@ def run(pool, tasks, seconds=60.0):
     return [replies[number] for number in range(len(tasks))]
 
 
+def processes(pool):
+    return [child._process.pid for child in (*pool._idle, *pool._busy)]
+
+
 def alive(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
@@ -68,7 +72,7 @@ def test_a_worker_that_is_stopped_counts_as_hanging():
     with closing(LocalPool(1, timeout=1.0)) as pool:
         run(pool, [work.Say("a")])
         pool.submit(0, work.Pour(1 << 26))
-        os.kill(pool.pids[0], signal.SIGSTOP)
+        os.kill(processes(pool)[0], signal.SIGSTOP)
         done = []
         while not done:
             done = pool.collect(0.2)
@@ -79,7 +83,7 @@ def test_a_worker_that_is_stopped_counts_as_hanging():
 def test_an_idle_worker_that_is_killed_costs_nothing():
     with closing(LocalPool(1)) as pool:
         run(pool, [work.Say("a")])
-        (pid,) = pool.pids
+        (pid,) = processes(pool)
         os.kill(pid, signal.SIGKILL)
         while alive(pid):
             time.sleep(0.01)
@@ -123,7 +127,7 @@ pool.submit(0, work.Hang())
 pool.submit(1, work.Hang())
 while any(task for _, task in pool._busy.values()):
     pool.collect(0.1)
-print(*pool.pids, flush=True)
+print(*(child._process.pid for child in pool._busy), flush=True)
 time.sleep(60)
 """
 

@@ -10,7 +10,7 @@ import pytest
 from formats import Labels
 from terrain_cli.comparison import comparison_criteria, kept_aside
 from terrain_cli.errors import UsageError
-from terrain_cli.telemetry.derive.usable_samples import STANDS
+from terrain_cli.telemetry.usable_samples import STANDS
 from terrain_cli.telemetry.wheel_samples import Geometry, Samples
 from terrain_cli.windows.cut_windows import cut
 from terrain_cli.windows.joined_inputs import by_wheel

@@ -11,7 +11,7 @@ from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import drafted_laws
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry import effect_inputs
 
 NOTHING = FitSettings({}, {}, (), None)
 

@@ -9,8 +9,8 @@ import pytest
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation import course, read
+from terrain_cli.simulation.course import STEP
 from terrain_cli.simulation.drive_file import PRESETS
-from terrain_cli.simulation.profiles import STEP
 
 
 def ride(options, wheel=0):

@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.simulation.profiles import FLANK, STEP, Profile, generator, profile_rule, smooth
+from terrain_cli.simulation.course import FLANK, STEP, smooth
+from terrain_cli.simulation.scenario import Profile, profile_rule
+from terrain_cli.simulation.sensors import generator
 
 RULE = profile_rule("a share, from 0 to 2", 0.0, 2.0)
 TIME = np.linspace(0.0, 12.0, 121)

@@ -15,8 +15,8 @@ from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.rover import rover_file
 from terrain_cli.run.settings import Settings
-from terrain_cli.stream import arriving_messages
-from terrain_cli.stream.arriving_messages import MessageSamples
+from terrain_cli.stream import arriving_samples
+from terrain_cli.stream.arriving_samples import MessageSamples
 from terrain_cli.stream.follow import Follow
 from terrain_cli.telemetry.long_logs import joined
 
@@ -226,7 +226,7 @@ def test_what_is_missing_is_told_once_it_cannot_come(tmp_path):
 
 def test_memory_is_bounded(tmp_path, monkeypatch):
     """Though one topic is silent from some time on."""
-    monkeypatch.setattr(arriving_messages, "BEFORE", 64)
+    monkeypatch.setattr(arriving_samples, "BEFORE", 64)
     rows = without(drive(50.0, joints=10, odometry=10, force=10, sinkage=10), "/wheel_fl/force", 10.0, 99.0)
     path = written(rows, tmp_path)
     held = np.array(Arrived(path, pieces=200, keep=False).held)

@@ -15,7 +15,7 @@ from terrain_cli.run import one_log
 from terrain_cli.run.settings import Settings
 from terrain_cli.stream import follow, followed_wheel
 from terrain_cli.stream.follow import Follow
-from terrain_cli.windows.segmentation import online_cuts
+from terrain_cli.windows import online_cuts
 
 #: What holds for any estimator of a segment.
 ENDS = ("wheel", "segment", "t_start_s", "t_end_s", "n_samples", "n_rejected", "terrain")

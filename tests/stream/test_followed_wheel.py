@@ -162,14 +162,12 @@ def samples():
 
 def test_pieces_are_joined_in_their_order(samples, monkeypatch):
     monkeypatch.setattr(followed_wheel, "_PIECES", 3)
-    monkeypatch.setattr(followed_wheel, "_LARGE", 40)
     segment, done = OpenSegment(), 0
     for size in (1, 1, 1, 1, 2, 50, 1, 7, 40, 1, 1, 1, 1, 100, 92):
         segment.add(samples.taken(slice(done, done + size)))
         done += size
         # Few pieces are held, however many came.
-        assert len(segment._small) < 3
-        assert len(segment._large) < 9
+        assert len(segment._pieces) <= 3
     assert segment.count == done == 300
     whole = segment.whole()
     np.testing.assert_array_equal(whole.time, samples.time)

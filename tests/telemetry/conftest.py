@@ -9,7 +9,7 @@ import pytest
 
 from formats import Source, Stream
 from terrain_cli import rover, telemetry
-from terrain_cli.telemetry.derive.unit_doubts import Doubt
+from terrain_cli.telemetry.unit_doubts import Doubt
 
 # The writers of bags stand with the tests of the formats.
 sys.path.insert(0, str(Path(__file__).parents[1] / "formats"))

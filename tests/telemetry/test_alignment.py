@@ -216,14 +216,6 @@ def test_repeated_times():
     assert np.flatnonzero(repeated).tolist() == [2, 4]
 
 
-@given(series(), milliseconds, st.sampled_from([None, 0.05, 10.0]))
-def test_channels_of_one_topic_share_their_neighbours(own, wanted, max_gap):
-    time, values = own
-    values = np.nan_to_num(values)
-    between = alignment.neighbours(np.array(wanted) * 1e-3, time, max_gap).between(values)
-    np.testing.assert_array_equal(between, alignment.resample(np.array(wanted) * 1e-3, time, values, max_gap))
-
-
 def test_an_infinite_reading_is_kept_and_goes_no_further_than_its_neighbours():
     time, values = np.arange(5.0), np.array([1.0, 2.0, np.inf, 4.0, 5.0])
     result = alignment.resample(np.array([0.5, 1.5, 2.0, 2.5, 3.5]), time, values, 2.0)

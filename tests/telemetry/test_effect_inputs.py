@@ -11,7 +11,7 @@ from simulator.soils import DRY_SAND
 from terrain_cli import telemetry
 from terrain_cli.effects import Effect, Parameter
 from terrain_cli.errors import ConfigurationError, InputError
-from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry import effect_inputs
 
 GEOMETRY = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
 N = 40

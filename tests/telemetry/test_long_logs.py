@@ -10,9 +10,8 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.effects import find
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import long_logs, raw_channels, raw_columns
+from terrain_cli.telemetry import assembly, long_logs, mapping, raw_channels, raw_columns
 from terrain_cli.telemetry.long_logs import Excerpt, excerpted, joined
-from terrain_cli.telemetry.plan import mapping
 from terrain_cli.vocabulary.channels import CHANNELS
 
 GEOMETRY = "[wheel]\nradius = 0.125\nwidth = 0.1\ngrouser_count = 12\ngrouser_height = 0.01\n"
@@ -71,7 +70,7 @@ def dirty(table, rng, standing=(20, 150, 300)):
 def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
     source = formats.open_source(path)
     layout = mapping.plan(source, rover)
-    request = long_logs.Request(
+    request = assembly.Request(
         layout=layout,
         rover=rover,
         channels=frozenset(CHANNELS),
@@ -83,7 +82,7 @@ def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
     names = raw_channels.fields(layout, CHANNELS, layout.extras)
     batches = list(source.read("", names, 50))
     begin = batches[:3] if rows is None else [raw_columns.whole(batches[:rows])]
-    return list(long_logs.in_parts(request, begin, iter(batches[rows or 3 :]), lambda _: None))
+    return list(long_logs.in_parts(request, begin, iter(batches[rows or 3 :])))
 
 
 def by_wheel(found):

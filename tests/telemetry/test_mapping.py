@@ -7,7 +7,7 @@ import pytest
 from formats import Field
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.rover import Rover
-from terrain_cli.telemetry.plan.mapping import plan
+from terrain_cli.telemetry.mapping import plan
 
 #: The example of the contract, word for word.
 CONTRACT = """

@@ -87,7 +87,7 @@ def test_test_points_are_not_doubted(judged):
 
 
 def test_the_samples_that_are_looked_at_are_bounded(monkeypatch):
-    from terrain_cli.telemetry.derive import unit_doubts
+    from terrain_cli.telemetry import unit_doubts
 
     monkeypatch.setattr(unit_doubts, "MOST", 64)
     drive = steady()

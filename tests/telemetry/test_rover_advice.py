@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from terrain_cli.rover import Rover
-from terrain_cli.telemetry.plan import rover_advice
+from terrain_cli.telemetry import rover_advice
 from terrain_cli.telemetry.wheel_samples import NEEDED, Raw
 
 VEHICLE = """

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from terrain_cli.telemetry.plan import topic_discovery
+from terrain_cli.telemetry import topic_discovery
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS
 

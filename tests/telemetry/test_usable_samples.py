@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from formats import Labels
 from terrain_cli.errors import UsageError
-from terrain_cli.telemetry import Condition
-from terrain_cli.telemetry.derive import usable_samples
+from terrain_cli.telemetry import Condition, usable_samples
 
 NAN = float("nan")
 TABLE = {

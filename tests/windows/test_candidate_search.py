@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from soil_drives import Kind, clean, drive, mixed
 
-from terrain_cli.windows.segmentation import candidate_search, change_points, line_costs
-from terrain_cli.windows.segmentation.candidate_search import CHUNK, EXACT, Limits, candidates
-from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
-from terrain_cli.windows.segmentation.running_moments import LONG, RunningMoments
+from terrain_cli.windows import candidate_search, line_costs
+from terrain_cli.windows.candidate_search import CHUNK, EXACT, Limits, candidates
+from terrain_cli.windows.change_points import change_points
+from terrain_cli.windows.merging import Criteria, Criterion, Refinement
+from terrain_cli.windows.running_moments import LONG, RunningMoments
 
 SOILS = ((1000.0, 0.55), (3000.0, 0.7), (1500.0, 0.3))
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from profiles import examples
 from soil_drives import Kind, clean, drive, mixed
 
-from terrain_cli.windows.segmentation import PENALTY, change_points, needed
+from terrain_cli.windows.change_points import PENALTY, change_points, needed
 
 CALM = ("dry sand", "upland sandy loam", "clayey soil", "wet clayey soil")
 N = 3000

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.running_moments import RunningMoments
+from terrain_cli.windows import line_costs
+from terrain_cli.windows.running_moments import RunningMoments
 
 PLACES = st.integers(0, 300)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from soil_drives import Kind, clean, mixed
 
-from terrain_cli.windows.segmentation import change_points, online_cuts
-from terrain_cli.windows.segmentation.online_cuts import HORIZON, SETTLED, OnlineCuts
+from terrain_cli.windows import online_cuts
+from terrain_cli.windows.change_points import change_points
+from terrain_cli.windows.online_cuts import HORIZON, SETTLED, OnlineCuts
 
 WAVES = Kind("waves", "waves")
 

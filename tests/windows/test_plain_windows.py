@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.windows.segmentation import fixed_windows, label_windows, whole_windows
-from terrain_cli.windows.segmentation.plain_windows import distinct
+from terrain_cli.windows.change_points import whole_windows
+from terrain_cli.windows.cut_windows import fixed_windows, label_windows
 
 
 @st.composite
@@ -80,9 +80,3 @@ def test_a_tenth_of_a_metre_is_a_tenth_whatever_the_rounding():
 def test_fixed_windows_that_make_no_sense_are_refused(asked, says):
     with pytest.raises(ValueError, match=says):
         fixed_windows(4, **asked)
-
-
-@given(st.lists(st.integers(-5, 20)))
-def test_distinct_is_unique(values):
-    values = np.array(values, dtype=np.intp)
-    np.testing.assert_array_equal(distinct(values), np.unique(values))

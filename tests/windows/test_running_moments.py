@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from terrain_cli.windows.segmentation import sample_blocks
-from terrain_cli.windows.segmentation.running_moments import block_noise, correlation_factor, tame
-from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
+from terrain_cli.windows import sample_blocks
+from terrain_cli.windows.running_moments import block_noise, correlation_factor, tame
+from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 X, Y = 12_000.0, 8_000.0
 

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from terrain_cli.windows.segmentation import running_moments, sample_blocks
-from terrain_cli.windows.segmentation.running_moments import FINE, RunningMoments
-from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
+from terrain_cli.windows import running_moments, sample_blocks
+from terrain_cli.windows.running_moments import FINE, RunningMoments
+from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 SMALL_SLAB, SMALL_REACH = 24, 6
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain_cli.windows.segmentation import online_cuts, sinkage_changes
-from terrain_cli.windows.segmentation.online_cuts import OnlineCuts
+from terrain_cli.windows import online_cuts
+from terrain_cli.windows.change_points import sinkage_changes
+from terrain_cli.windows.online_cuts import OnlineCuts
 
 N, RATE = 3000, 20.0
 HALF = N // 2

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.plan.rover_advice import Lack
 from terrain_cli.telemetry.raw_columns import as_numbers
+from terrain_cli.telemetry.rover_advice import Lack
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 

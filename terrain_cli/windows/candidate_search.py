@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG, RunningMoments, correlation_factor
+from terrain_cli.windows import line_costs
+from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments, correlation_factor
 
 if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
@@ -70,7 +69,8 @@ class _Chunks:
 
     def __init__(self, places: _Places, limits: Limits, index: Index) -> None:
         self._places, self._index = places, index
-        a, b = _windows(len(index) - 1)
+        # First and last place of all windows of a chunk, those with the same last one together.
+        b, a = np.tril_indices(len(index), k=-1)
         self._cost = np.full((len(a), index.shape[1]), np.inf)
         together = max(_LEAST_TOGETHER, _TOGETHER // len(a))
         for begin in range(0, index.shape[1], together):
@@ -106,13 +106,6 @@ class _Chunks:
         found = np.zeros(len(self._places.samples), dtype=bool)
         found[self._index[self.optimum(penalty)]] = True
         return _Places(self._places.samples[found], self._places.sums[:, found])
-
-
-@lru_cache(maxsize=8)
-def _windows(size: int) -> tuple[Index, Index]:
-    """Return first and last place of all windows of a chunk, those with the same last one together."""
-    b, a = np.tril_indices(size + 1, k=-1)
-    return a, b
 
 
 def _allowed(limits: Limits, samples: Index, n: int, a: Index, b: Index) -> Mask:

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.plain_windows import distinct
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG, RunningMoments
+from terrain_cli.windows import line_costs
+from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-    from terrain_cli.windows.segmentation.candidate_search import Limits
+    from terrain_cli.windows.candidate_search import Limits
 
 #: Samples beside a bound in which a new soil shows.
 BESIDE = 60
@@ -72,7 +71,7 @@ class _Known:
     def __call__(self, bounds: Index) -> Array:
         """Return the sums before each of these bounds, shape (10, k)."""
         at = np.minimum(np.searchsorted(self._bounds, bounds), len(self._bounds) - 1)
-        new = distinct(bounds[self._bounds[at] != bounds])
+        new = np.unique(bounds[self._bounds[at] != bounds])
         if len(new):
             merged = np.concatenate([self._bounds, new])
             order = np.argsort(merged)

@@ -6,7 +6,6 @@ import ast
 import operator
 import re
 from datetime import UTC, datetime
-from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from terrain_cli.telemetry.derived_channels import STANDING
 from terrain_cli.telemetry.wheel_samples import NEEDED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
@@ -115,22 +114,16 @@ class Condition:
         """Return where a condition holds and where it does not: neither where a value is missing."""
         match node:
             case ast.BoolOp(op=op, values=values):
-                parts = [self._evaluate(value, columns) for value in values]
-                holds, fails = ([part[k] for part in parts] for k in (0, 1))
-                if isinstance(op, ast.And):
-                    return reduce(np.logical_and, holds), reduce(np.logical_or, fails)
-                return reduce(np.logical_or, holds), reduce(np.logical_and, fails)
+                return _joined(
+                    [self._evaluate(value, columns) for value in values], every=isinstance(op, ast.And)
+                )
             case ast.UnaryOp(operand=operand):
                 return self._evaluate(operand, columns)[::-1]
             case ast.Compare(left=left, ops=ops, comparators=others):
                 n = len(next(iter(columns.values())))
                 terms = [self._term(term, columns) for term in (left, *others)]
-                pairs = [
-                    self._compare(op, a, b, n) for op, a, b in zip(ops, terms[:-1], terms[1:], strict=True)
-                ]
-                return reduce(np.logical_and, [p[0] for p in pairs]), reduce(
-                    np.logical_or, [p[1] for p in pairs]
-                )
+                pairs = zip(ops, terms[:-1], terms[1:], strict=True)
+                return _joined([self._compare(op, a, b, n) for op, a, b in pairs], every=True)
         raise self._mixed()
 
     def _term(self, node: ast.AST, columns: Mapping[str, Column]) -> Any:
@@ -174,6 +167,13 @@ class Condition:
 
     def _mixed(self) -> UsageError:
         return UsageError(f"--where: {self.text!r} compares what cannot be compared", hint=_FORM)
+
+
+def _joined(parts: Sequence[tuple[Mask, Mask]], *, every: bool) -> tuple[Mask, Mask]:
+    """Return where every one or any of some conditions holds, and where that fails."""
+    holds, fails = zip(*parts, strict=True)
+    both, either = np.logical_and.reduce, np.logical_or.reduce
+    return (both(holds), either(fails)) if every else (either(holds), both(fails))
 
 
 def _kind(term: Any) -> str:
@@ -315,12 +315,12 @@ def longest_gap(time: Array, reasons: Labels, max_gap: float | None) -> float:
 
 def on_ground(reasons: Labels) -> Index:
     """Return the samples that follow the ground: those usable, and those in which the wheel skids."""
-    return np.flatnonzero((reasons.codes < 0) | _is(reasons, SKIDS))
+    return np.flatnonzero((reasons.codes < 0) | is_aside(reasons, SKIDS))
 
 
 def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
     """Return a clock (s, never falling) that stops while the wheel stands: only lost driving is a gap."""
-    standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
+    standing, astray = (is_aside(reasons, reason) for reason in (STANDS, BACKWARDS))
     known, clock, n = np.isfinite(time) & ~astray, time, len(time)
     if not known.all():
         clock = np.interp(np.arange(n), np.flatnonzero(known), time[known]) if known.any() else np.zeros(n)
@@ -329,6 +329,7 @@ def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
     return np.asarray(np.cumsum(np.maximum(step, 0.0)))
 
 
-def _is(reasons: Labels, reason: str) -> Mask:
+def is_aside(reasons: Labels, reason: str) -> Mask:
+    """Tell which samples are set aside for a reason."""
     code = reasons.names.index(reason) if reason in reasons.names else -2
     return np.asarray(reasons.codes == code)

@@ -23,19 +23,19 @@ import numpy as np
 
 from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
-from terrain_cli.windows.segmentation.candidate_search import Limits, candidates
-from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
-from terrain_cli.windows.segmentation.plain_windows import checked_distance, distinct, whole_windows
-from terrain_cli.windows.segmentation.running_moments import LONG, RunningMoments, correlation_factor
-from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
+from terrain_cli.windows.candidate_search import Limits, candidates
+from terrain_cli.windows.merging import Criteria, Criterion, Refinement
+from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
+from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from terrain_cli.vocabulary.arrays import Array, Bounds, Index
-    from terrain_cli.windows.segmentation.plain_windows import Breaks
+
+    Breaks = Sequence[int] | NDArray[np.integer]
 
 #: Gain in units of the noise's variance, χ² with 2 degrees of freedom if there is no change. Chance
 #: exceeds 25 once in 270,000, and the best of all places in a clean run less than once in 300 runs.
@@ -56,6 +56,28 @@ _FEWEST = 6
 _LEAST = 2
 #: Share of its trace that is added to a matrix, lest a constant load make it singular.
 _RIDGE = 1e-10
+
+
+def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
+    """Return one window for each stretch between breaks: samples before which a new run begins, or a gap is.
+
+    Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
+    """
+    at = np.asarray(breaks, dtype=np.intp)
+    if at.size and (at.min() < 0 or at.max() > n):
+        raise ValueError(f"breaks lie between 0 and {n}, not from {at.min()} to {at.max()}")
+    return np.unique(np.concatenate([np.array([0, n], dtype=np.intp), at]))
+
+
+def checked_distance(distance: ArrayLike, n: int) -> Array:
+    """Return the distance as floats; ValueError where it has not n values, or is not finite, or falls."""
+    driven = np.asarray(distance, dtype=float)
+    if driven.shape != (n,):
+        raise ValueError(f"distance has shape {driven.shape}, there are {n} samples")
+    # What never falls is finite where both ends are.
+    if not (driven[1:] >= driven[:-1]).all() or not np.isfinite(driven[[0, -1]] if n else driven).all():
+        raise ValueError("distance must be finite and never fall")
+    return driven
 
 
 def change_points(
@@ -99,7 +121,7 @@ def change_points(
         metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
         block = _block_length(b - a, before if a == 0 else 0)
         found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
-    return distinct(np.concatenate(found).astype(np.intp))
+    return np.unique(np.concatenate(found).astype(np.intp))
 
 
 def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
@@ -300,7 +322,7 @@ def _in_logarithms(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> 
     weight = np.log(np.maximum(load / usual_load, _LEAST_LOAD))
     depth = np.log(np.maximum(sinkage / usual_sinkage, _LEAST_SINKAGE))
     # A change of soil is a step, which hardly shows within a block.
-    blocks = distinct(np.concatenate([bounds, np.arange(0, len(load), _SINKAGE_BLOCK)]))
+    blocks = np.unique(np.concatenate([bounds, np.arange(0, len(load), _SINKAGE_BLOCK)]))
     terms = [weight, slip, slip**2, slip * weight]
     line, *others, level = (column - _mean(column, blocks) for column in (*terms, depth))
     # Their means are 0 already: of the moments those with 1 are left out.

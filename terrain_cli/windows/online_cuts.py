@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
-from terrain_cli.windows.segmentation.change_points import change_points, needed, sinkage_changes
+from terrain_cli.windows.change_points import change_points, needed, sinkage_changes
 
 if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index

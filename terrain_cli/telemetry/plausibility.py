@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry.derive import unit_doubts
-from terrain_cli.telemetry.derive.unit_doubts import (
+from terrain_cli.telemetry import unit_doubts
+from terrain_cli.telemetry.unit_doubts import (
     ALIKE,
     ROUNDED,
     Doubt,
@@ -21,12 +21,12 @@ from terrain_cli.telemetry.derive.unit_doubts import (
     pull,
     stuck,
 )
-from terrain_cli.telemetry.derive.usable_samples import MOST_PRESSURE
+from terrain_cli.telemetry.usable_samples import MOST_PRESSURE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
+    from terrain_cli.telemetry.unit_doubts import UnitEvidence
     from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.arrays import Array
 

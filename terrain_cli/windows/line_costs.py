@@ -62,6 +62,9 @@ def possible_slopes(moments: Array) -> Slopes:
     return low, np.minimum(np.maximum(LARGEST_SHARE * ratio, low), LARGEST_SLOPE)
 
 
+# Without scatter there is no root, and comparisons with it are false; windows without samples, and those that
+# are far too small, are nobody's choice.
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def best_line(moments: Array, slopes: Slopes | None = None) -> tuple[Array, Array]:
     """Find the slope that makes the scatter across the line least, in units of the noise across it.
 
@@ -70,13 +73,6 @@ def best_line(moments: Array, slopes: Slopes | None = None) -> tuple[Array, Arra
     shape (10, k); `slopes`, (k,) each, are bounds besides `possible_slopes`. Returned are the slope and the
     sum of squares across the line, in units of the noise's variance across it, (k,) each.
     """
-    # Without scatter there is no root, and comparisons with it are false; windows without samples,
-    # and those that are far too small, are nobody's choice.
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return _best_line(moments, slopes)
-
-
-def _best_line(moments: Array, slopes: Slopes | None) -> tuple[Array, Array]:
     xx, xy, yy = scatter(moments)
     noise_xx, noise_xy, noise_yy = moments[NOISE_XX], moments[NOISE_XY], moments[NOISE_YY]
     a = xx * noise_xy - xy * noise_xx

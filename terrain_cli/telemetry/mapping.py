@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry.plan import table_clock, topic_discovery
+from terrain_cli.telemetry import table_clock, topic_discovery
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, match_name
 from terrain_cli.vocabulary import units
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from formats import Field, Source, Stream
     from terrain_cli.rover import ChannelEntry, Rover
-    from terrain_cli.telemetry.plan.topic_discovery import TopicCandidate
+    from terrain_cli.telemetry.topic_discovery import TopicCandidate
     from terrain_cli.vocabulary.units import Unit
 
 #: The name of a wheel that nothing names.

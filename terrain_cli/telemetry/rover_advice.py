@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.mechanics import linear
-from terrain_cli.telemetry import derived_channels
-from terrain_cli.telemetry.plan import topic_discovery
-from terrain_cli.telemetry.plan.mapping import is_table
-from terrain_cli.telemetry.plan.topic_discovery import OF_WHEELS
+from terrain_cli.telemetry import derived_channels, topic_discovery
+from terrain_cli.telemetry.mapping import is_table
+from terrain_cli.telemetry.topic_discovery import OF_WHEELS
 from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.
-_WITH_DIRECTION = ("torque", "drawbar_pull", "acceleration")
+_WITH_DIRECTION = {"torque", "drawbar_pull", "acceleration"}
 #: How a reason begins where the data are silent.
 NOWHERE = "nothing measures it"
 #: Every channel from which a needed one, or the place of a sample, may come.
@@ -131,16 +130,12 @@ def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
             origins["velocity"] = f"derived from {body} and yaw rate"
         derived, _ = routes(raw.channels, wheel, rover)
         _derive(raw.channels, derived, wheel, rover)
-    _turn(raw.channels, _WITH_DIRECTION)
-    return origins | {name: f"derived from {how}" for name, how in derived.items()}
-
-
-def _turn(channels: dict[str, Array], names: Collection[str]) -> None:
-    """Count what has a direction the way the wheel turns: the soil sees no other way."""
-    omega = channels.get("angular_velocity")
+    omega = raw.channels.get("angular_velocity")
     if omega is not None:
-        for name in channels.keys() & names:
-            channels[name] = np.where(omega < 0.0, -channels[name], channels[name])
+        # The way the wheel turns: the soil sees no other way.
+        for name in raw.channels.keys() & _WITH_DIRECTION:
+            raw.channels[name] = np.where(omega < 0.0, -raw.channels[name], raw.channels[name])
+    return origins | {name: f"derived from {how}" for name, how in derived.items()}
 
 
 def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, rover: Rover) -> None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from terrain_cli.errors import InputError
+from terrain_cli.telemetry import rover_advice
 from terrain_cli.telemetry.derived_channels import STANDING
-from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -145,11 +145,7 @@ class Doubt(Notice):
 
 
 class ImplausibleError(InputError):
-    """What was measured cannot be true; the unit of `channel` is likely to be wrong."""
-
-    def __init__(self, message: str, *, hint: str = "", channel: str = "") -> None:
-        super().__init__(message, hint=hint)
-        self.channel = channel
+    """What was measured cannot be true; the unit of a channel is likely to be wrong."""
 
 
 class Mend(NamedTuple):
@@ -193,9 +189,7 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
         header, lines = rover_advice.header(layout, wheel, suspicion.channel), _lines(feeds, suspicion)
         if weight != "odd" and not (feed.stated and (feed.asked or weight == "impossible")):
             hint = [f"state its unit in rover.toml, whichever it is; {_if(feed, suspicion)}:", header, *lines]
-            raise ImplausibleError(
-                f"{layout.source.path}: {what}", hint="\n".join(hint), channel=suspicion.channel
-            )
+            raise ImplausibleError(f"{layout.source.path}: {what}", hint="\n".join(hint))
         if suspicion.mend is None:
             told.append(Doubt(f"{what}; see whether {feed.place} is what it is taken for"))
         else:

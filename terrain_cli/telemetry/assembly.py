@@ -1,19 +1,27 @@
-"""From the channels of a wheel to its samples: what is derived, what is judged."""
+"""From the channels of a wheel to its samples: what is missing, what is derived, what is judged."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry import alignment, derived_channels
-from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_samples
-from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
-from terrain_cli.telemetry.plan import rover_advice
+from terrain_cli.errors import ConfigurationError, InputError
+from terrain_cli.telemetry import (
+    alignment,
+    derived_channels,
+    effect_inputs,
+    plausibility,
+    rover_advice,
+    usable_samples,
+)
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_samples import Geometry, Plan, Raw, Samples, match_name
+from terrain_cli.telemetry.unit_doubts import UnitEvidence
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Raw, Samples, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+from terrain_cli.vocabulary.quantities import PREDICTED
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -21,13 +29,103 @@ if TYPE_CHECKING:
     from formats import Source
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
-    from terrain_cli.telemetry.derive.usable_samples import Condition
+    from terrain_cli.telemetry.usable_samples import Condition
     from terrain_cli.vocabulary.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What is to be read of a source."""
+
+    layout: Plan
+    rover: Rover
+    channels: frozenset[str]
+    extras: tuple[str, ...]
+    #: Only these; all if empty.
+    wheels: tuple[str, ...]
+    where: Condition | None
+    effects: Sequence[Effect] | None
+    compared: bool = False  # With a model, which predicts what is there
 
 
 def wheel_of(raw: Raw, rover: Rover) -> Wheel:
     """Return what rover.toml says of the wheel of some samples."""
     return rover.wheel(match_name(raw.wheel, rover.wheels) or raw.wheel)
+
+
+def lacking(raw: Raw, rover: Rover) -> list[rover_advice.Lack]:
+    """Say what is missing for an estimate under one wheel: channels, then what rover.toml does not say."""
+    wheel = wheel_of(raw, rover)
+    return rover_advice.routes(raw.channels, wheel, rover)[1] + rover_advice.settings(wheel, rover)
+
+
+def _cannot_give(
+    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
+) -> InputError | ConfigurationError:
+    """Say all that is missing, and the lines of rover.toml that would supply it."""
+    reasons: dict[str, list[str]] = {}
+    for wheel, missing in lacks.items():
+        for reason in rover_advice.reasons(layout, wheel, [lack for lack in missing if lack.what in NEEDED]):
+            reasons.setdefault(reason, []).append(wheel)
+    lines = rover_advice.lines(layout, lacks)
+    if rover.path is None:
+        lines += "\n# terrain-est init drafts this file from the log"
+    if not reasons:
+        first = f"{rover.path} does not give" if rover.path else "there is no rover.toml to give"
+        what = " and ".join(dict.fromkeys(lack.because for missing in lacks.values() for lack in missing))
+        add = f"add to {rover.path}:" if rover.path else "write it beside the input, or name it with --rover:"
+        return ConfigurationError(f"{first} {what}", hint=f"{add}\n{lines}")
+    parts = [
+        text if len(wheels) == len(lacks) else f"wheel {', '.join(wheels)}: {text}"
+        for text, wheels in reasons.items()
+    ]
+    return InputError(
+        f"{layout.source.path}: c and φ cannot be estimated: {'; '.join(parts)}",
+        hint=f"add to {rover.label} (terrain-est inspect shows what there is):\n{lines}",
+    )
+
+
+def _model_cannot_be_fitted(
+    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
+) -> InputError | ConfigurationError:
+    """Say which effect needs what, and how to supply it."""
+    missing = [lack for several in lacks.values() for lack in several]
+    text = "; ".join(dict.fromkeys(lack.because for lack in missing))
+    if all(lack.lines for lack in missing):
+        return ConfigurationError(
+            f"{rover.label}: {text}", hint=f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}"
+        )
+    hints = []
+    if any(lack.ask or lack.lines for lack in missing):
+        hints.append(f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}")
+    columns = dict.fromkeys(lack.what for lack in missing if not (lack.ask or lack.lines))
+    if columns:
+        there = f"; this one has {', '.join(layout.extras)}" if layout.extras else ""
+        hints.append(
+            f"{', '.join(columns)}: no channel, but a numeric column that a table (CSV, Parquet) has{there}"
+        )
+    return InputError(f"{layout.source.path}: {text}", hint="\n".join(hints))
+
+
+def check(request: Request, raws: Sequence[Raw]) -> None:
+    """Refuse wheels of which something is missing."""
+    layout, rover, effects = request.layout, request.rover, request.effects or ()
+    lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
+    if request.compared:
+        # A model predicts what is there: any one of these will do.
+        lacks = {
+            raw.wheel: [
+                lack
+                for lack in lacks[raw.wheel]
+                if lack.what not in PREDICTED or raw.channels.keys().isdisjoint(PREDICTED)
+            ]
+            for raw in raws
+        }
+    if any(lacks.values()):
+        raise _cannot_give(layout, lacks, rover)
+    lacks = {raw.wheel: effect_inputs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}
+    if any(lacks.values()):
+        raise _model_cannot_be_fitted(layout, lacks, rover)
 
 
 def assemble(

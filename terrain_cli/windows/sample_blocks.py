@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation.plain_windows import distinct
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -56,7 +54,7 @@ def slabs(n: int, step: int) -> Iterator[Index]:
 def about(place: Index, n: int, step: int) -> Iterator[Index]:
     """Part the blocks that depend on some samples into pieces, with what is around them as long as a run."""
     away = 2 * reach(step) + 2
-    block = _beside(distinct(place // step), away, (n - 1) // step)
+    block = _beside(np.unique(place // step), away, (n - 1) // step)
     length = max(1, _SLAB // step // (2 * away))
     for first in range(0, len(block), length):
         yield block[first : first + length]
@@ -72,7 +70,7 @@ def _beside(block: Index, away: int, last: int) -> Index:
     """Return rising blocks and all so far away from them, none behind the last."""
     if is_run(block):
         return np.arange(max(block[0] - away, 0), min(block[-1] + away, last) + 1)
-    return distinct(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
+    return np.unique(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
 
 
 def is_run(block: Index) -> bool:

@@ -72,7 +72,12 @@ def _attitude(prefix: str, rank: int) -> Iterator[Feed]:
         yield Feed(channel=channel, fields=quaternion, combine=combine, note=note, rank=rank)
 
 
-_AXES = "the sensor's axes taken as x forward, z up"
+def _forces(prefix: str) -> Iterator[Feed]:
+    for channel, axis in (("load", "z"), ("drawbar_pull", "x")):
+        note = "the sensor's axes taken as x forward, z up"
+        yield Feed(channel=channel, fields=(f"{prefix}force.{axis}",), note=note)
+
+
 #: The channels that standard messages carry; their topics are those of a bag.
 MEANINGS: dict[str, tuple[Feed, ...]] = {
     "nav_msgs/msg/Odometry": (
@@ -93,14 +98,8 @@ MEANINGS: dict[str, tuple[Feed, ...]] = {
         Feed(channel="longitude", fields=("longitude",)),
         Feed(channel="latitude", fields=("latitude",)),
     ),
-    "geometry_msgs/msg/WrenchStamped": (
-        Feed(channel="load", fields=("wrench.force.z",), note=_AXES),
-        Feed(channel="drawbar_pull", fields=("wrench.force.x",), note=_AXES),
-    ),
-    "geometry_msgs/msg/Wrench": (
-        Feed(channel="load", fields=("force.z",), note=_AXES),
-        Feed(channel="drawbar_pull", fields=("force.x",), note=_AXES),
-    ),
+    "geometry_msgs/msg/WrenchStamped": tuple(_forces("wrench.")),
+    "geometry_msgs/msg/Wrench": tuple(_forces("")),
 }
 
 

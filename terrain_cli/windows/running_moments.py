@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import sample_blocks
-from terrain_cli.windows.segmentation.line_costs import (
+from terrain_cli.windows import sample_blocks
+from terrain_cli.windows.line_costs import (
     LARGEST_SLOPE,
     MIDDLE_SLOPE,
     NOISE_XX,
@@ -25,12 +25,12 @@ from terrain_cli.windows.segmentation.line_costs import (
     X,
     across,
 )
-from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
+from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.vocabulary.arrays import Array, Index
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
     Parts = Sequence[Index]
 
@@ -97,7 +97,7 @@ def _measure(
         far.append((span[place // step] * step + place % step, limit[:, mine], _five(x, y, place)))
     place, limit, five = (np.concatenate(some, axis=-1) for some in zip(*far, strict=True))
     # No sample is further from its median than from one of its neighbours.
-    middles = _median_of_five(five)
+    middles = np.median(five, axis=1)
     wild = (np.abs(five[:, 2] - middles) > limit).any(axis=0)
     return place[wild], middles[:, wild]
 
@@ -137,13 +137,6 @@ def _five(x: Array, y: Array, place: Index) -> Array:
     end = len(x) - 1
     around = end - np.abs(end - np.abs(place + np.arange(-2, 3)[:, None]))
     return np.stack([x[around], y[around]])
-
-
-def _median_of_five(five: Array) -> Array:
-    a, b, c, d, e = five.swapaxes(0, 1)
-    low = np.maximum(np.minimum(a, b), np.minimum(d, e))
-    high = np.minimum(np.maximum(a, b), np.maximum(d, e))
-    return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c)))
 
 
 def _load_variation(xx: Array, xy: Array, yy: Array, ratio: Array) -> tuple[Array, Array]:
@@ -247,7 +240,7 @@ class RunningMoments:
             rows[:, place] += rows[:, place - 1]
         return block[:, None] * self.step + np.arange(0, self.step, FINE), rows.swapaxes(1, 2)
 
-    def _weighted(self, block: Index, powers: Array, number: Index) -> Array:
+    def _weighted(self, block: Index, powers: Array, number: Index | Mask) -> Array:
         """Return the weighted moments of parts of blocks, shape (10, ..., k).
 
         `powers`, shape (5, ..., k), are sums over the parts of x, y, x², xy and y²; `number`, shape (..., k),
@@ -268,26 +261,13 @@ class RunningMoments:
         Beyond the ends of the stretch there are no samples: the sums are those at the end.
         """
         begin = np.maximum(sample - reach, 0)
-        bounds = begin[:, None] + np.arange(2 * reach + 1)
-        rows = np.concatenate([self.before(begin)[:, :, None], self._rows(begin, 2 * reach)], axis=2)
-        return bounds, np.cumsum(rows, axis=2, out=rows)
-
-    def _rows(self, begin: Index, count: int) -> Array:
-        """Return the weighted moments of single samples, shape (10, k, count), zero after the last."""
-        place = begin[:, None] + np.arange(count)
+        place = begin[:, None] + np.arange(2 * reach)
         inside = place < len(self.samples)
-        (x, y), block = self.samples.at(place), np.minimum(place // self.step, len(self._weight) - 1)
-        weight = np.where(inside, self._weight[block], 0.0)
-        rows = np.empty((ROWS, *place.shape))
-        rows[0] = weight
-        np.multiply(weight, x, out=rows[1])
-        np.multiply(weight, y, out=rows[2])
-        np.multiply(rows[1], x, out=rows[3])
-        np.multiply(rows[1], y, out=rows[4])
-        np.multiply(rows[2], y, out=rows[5])
-        np.multiply(weight, self.noise[:, block], out=rows[6:9])
-        rows[9] = inside
-        return rows
+        x, y = self.samples.at(place) * inside
+        block = np.minimum(place // self.step, len(self._weight) - 1)
+        single = self._weighted(block, np.stack([x, y, x * x, x * y, y * y]), inside)
+        rows = np.concatenate([self.before(begin)[:, :, None], single], axis=2)
+        return begin[:, None] + np.arange(2 * reach + 1), np.cumsum(rows, axis=2, out=rows)
 
 
 def _powers(x: Array, y: Array) -> Array:

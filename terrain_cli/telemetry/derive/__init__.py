@@ -1,1 +1,0 @@
-"""From raw channels to samples: channels derived, samples set aside, and implausible units."""

@@ -1,1 +1,0 @@
-"""Which field of a file feeds which channel of which wheel."""
