@@ -13,13 +13,14 @@ from terrain_cli.comparison.blocks import DRAWS, error, max_test
 from terrain_cli.comparison.comparison_outcome import EffectScores
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import drafted_laws, screening, signatures
+from terrain_cli.diagnosis import drafted_laws, refits, screening, several_soils, signatures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_noise import Between
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.diagnosis.screening import Screened
     from terrain_cli.effects import Effect
@@ -167,8 +168,19 @@ def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile
     found = screening.screen(wheels, block, scored, seed)
     order = sorted(found.p_values, key=lambda name: -found.explained[name])
     p_value = of_scores(found, order[0]) if order else 1.0
+    if p_value >= criteria.LEVEL > min(found.p_values.values(), default=1.0):
+        # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
+        first = next(one for one in scored if one.id == order[0])
+        p_value = min(p_value, max(min(found.p_values.values()), _of_fitted_gain(wheels, block, first)))
     raised = p_value < criteria.LEVEL and found.share(order[0]) >= criteria.SMALLEST_SHARE
     return EffectScores(p_value=p_value, raised=raised, effects=tuple(order), unrecorded=unrecorded)
+
+
+def _of_fitted_gain(wheels: Sequence[FittedWheel], block: Sequence[Index], first: Hypothesis) -> float:
+    data = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
+    data = refits.with_noise_of(data, refits.refit(data, first))
+    gain = refits.refit(data, None).loss - refits.refit(data, first).loss
+    return of_gain_in_most(gain) * criteria.LEVEL / criteria.GAINED
 
 
 def of_scores(found: Screened, first: str) -> float:

@@ -7,6 +7,8 @@ import shlex
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.vocabulary.choices import BASES
@@ -33,6 +35,10 @@ class Evidence:
     raised: bool  # What is left follows what was recorded, beyond chance
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
+    share: float = math.nan  # Of the misfit, that the best of them explains
+    closest: str = (
+        ""  # Where the alarm is silent: an effect that explains most of the misfit, by chance or not
+    )
     together: tuple[str, ...] = ()  # Two that belong together
     law: str = ""  # What follows which driver, where no effect explains what is left
     draft: str = ""  # File of that law, if it was written
@@ -40,6 +46,7 @@ class Evidence:
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
     drive: str = ""  # What would tell the best of the family from another, as a command to a person
+    points: bool = False  # The data are steady test points, not drives
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +80,12 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         or (scores is not None and scores.raised),
         refused=refused,
         unrecorded=scores.unrecorded if scores else (),
+        points=_points(comparison),
     )
+
+
+def _points(comparison: Comparison) -> bool:
+    return bool(comparison.wheels) and all(wheel.samples.time is None for wheel in comparison.wheels)
 
 
 def _large(comparison: Comparison, finding: Finding) -> bool:
@@ -86,12 +98,16 @@ def _large(comparison: Comparison, finding: Finding) -> bool:
 def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:
     """Collect what a diagnosis tells."""
     law = found.unknown if found.verdict == "unknown" else None
+    most = max(found.candidates, key=lambda one: np.nan_to_num(one.explained), default=None)
+    likely = most is not None and most.explained > criteria.STEPS_SHARE and not most.doubt
     return Evidence(
         ratios=_ratios(found.comparison),
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         verdict=found.verdict,
         family=found.family,
+        share=next((one.explained for one in found.candidates if one.effect in found.family[:1]), math.nan),
+        closest=most.effect if most is not None and likely else "",
         together=found.together,
         law=f"{law.channel} follows {law.driver}".replace("_", " ") if law and law.driver else "",
         draft=draft if law else "",
@@ -99,6 +115,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         unrecorded=found.unrecorded,
         small=found.alarm.size if found.alarm.small else "",
         drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
+        points=_points(found.comparison),
     )
 
 
@@ -128,7 +145,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         told = f"The model fits well enough: {found.small}, less than --smallest-share asks for."
         return Conclusion("fits", told)
     if few or (not known and not found.raised):
-        return _undecided(found, above, few=few)
+        return _undecided(found, above, asked, few=few)
     if above or found.raised:
         return _unexplained(found, above, known, asked)
     return Conclusion("fits", f"The model fits to the noise: {_at_most(known)}, and no effect stands out.")
@@ -145,34 +162,39 @@ def _unexplained(
     found: Evidence, above: Mapping[str, float], known: Mapping[str, float], asked: Asked
 ) -> Conclusion:
     size = _size(above) if above else _not_random(known)
-    why = (
-        f"{listed(found.refused)} did not lower it"
-        if _refused(found)
-        else "nothing that was recorded follows it"
-    )
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
-    if few:
-        why = f"{_too_few(found)} to show why"
-    then = _record(found, few=few)
-    if found.verdict is None and not few:
+    command = ""
+    if found.verdict is None:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
-        command = looked("diagnose", asked)
-        why = "a first check of the effects finds no cause"
-        told = f"The model misses something: {size}, and {why}. Next: {command}"
-        return Conclusion("unexplained", told, command, found.unrecorded)
-    return Conclusion(
-        "unexplained", f"The model misses something: {size}, and {why}. {then}", "", found.unrecorded
-    )
+        why, command = "a first check of the effects finds no cause", looked("diagnose", asked)
+    elif _refused(found):
+        why = f"{listed(found.refused)} lowered it no more than chance may"
+    elif found.closest and found.closest not in found.refused:
+        why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
+        command = _add((found.closest,), asked)
+    else:
+        why = (
+            f"{_too_few(found)} to show why" if few else "nothing that was recorded explains it beyond chance"
+        )
+    then = f"Next: {command}" if command else _record(found, few=few)
+    told = f"The model misses something: {size}, and {why}. {then}"
+    return Conclusion("unexplained", told, command, found.unrecorded)
 
 
-def _undecided(found: Evidence, above: Mapping[str, float], *, few: bool) -> Conclusion:
+def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few: bool) -> Conclusion:
     if few:
         size = f" {_size(above)[0].upper()}{_size(above)[1:]}." if above else ""
         told = f"{_too_few(found)} to tell whether the model misses something.{size}"
-        return Conclusion("undecided", f"{told} Record a longer drive.")
+        return Conclusion("undecided", f"{told} {_more(found)}")
     of = listed(list(found.ratios)) if found.ratios else "the sensors"
     told = f"No effect stands out, but the noise of {of} is not known. Repeat some test points to learn it."
-    return Conclusion("undecided", told)
+    # A diagnosis of test points also looks at their order.
+    command = looked("diagnose", asked) if found.verdict is None and found.points else ""
+    return Conclusion("undecided", f"{told} Next: {command}" if command else told, command)
+
+
+def _more(found: Evidence) -> str:
+    return "Measure more test points." if found.points else "Record a longer drive."
 
 
 def _too_few(found: Evidence) -> str:
@@ -189,7 +211,7 @@ def _size(above: Mapping[str, float]) -> str:
 
 def _at_most(known: Mapping[str, float]) -> str:
     if not known:
-        return "its noise is not known"
+        return "the noise of the sensors is not known"
     most = max(known, key=lambda name: known[name])
     return f"the held-out error is at most {known[most]:.2f} × the noise (in {most})"
 
@@ -212,13 +234,15 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         )
     if found.together:
         return f"{listed(found.together)} together explain it best", _add(found.together, asked)
+    part = f"{found.share:.0%} of it" if found.share < 1.0 - criteria.DRAFT_LEFT else "it"
     if found.verdict == "effect":
-        return f"{found.family[0]} explains it", _add(found.family[:1], asked)
+        return f"{found.family[0]} explains {part}", _add(found.family[:1], asked)
     if len(found.family) > 1:
         cause = f"one of {listed(found.family)} explains it; these data cannot tell which"
         return cause, _add(["--until-quiet"], asked)
     if found.family:
-        return f"{found.family[0]} explains it best, but this is not certain", _add(found.family, asked)
+        cause = f"{found.family[0]} explains {part} best, but this is not certain"
+        return cause, _add(found.family, asked)
     return "it follows what was recorded", looked("diagnose", asked)
 
 
@@ -243,7 +267,7 @@ def _add(what: tuple[str, ...] | list[str], asked: Asked) -> str:
 def _record(found: Evidence, *, few: bool) -> str:
     """Say what to measure."""
     if few:
-        return "Record a longer drive."
+        return _more(found)
     if not found.unrecorded:
         return (
             "Drive the same track again. "

@@ -53,7 +53,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(UNKNOWN, raised=True),
             "explained",
-            "The model misses something: its noise is not known",
+            "The model misses something: the noise of the sensors is not known",
             LOOK,
             id="scores, noise unknown",
         ),
@@ -117,7 +117,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
-            MISSES + "nothing that was recorded follows it. "
+            MISSES + "nothing that was recorded explains it beyond chance. "
             "Also record a channel that effects need: pitch or slip angle.",
             "",
             id="nothing follows",
@@ -125,7 +125,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none"),
             "unexplained",
-            MISSES + "nothing that was recorded follows it. Drive the same track again. "
+            MISSES + "nothing that was recorded explains it beyond chance. Drive the same track again. "
             "If the misfit returns, the model lacks something; if it changes, the soil varies.",
             "",
             id="all is recorded",
@@ -133,23 +133,58 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",), refused=("slope",)),
             "unexplained",
-            MISSES + "slope did not lower it.",
+            MISSES + "slope lowered it no more than chance may.",
             "",
             id="tried, and did not pay",
         ),
         pytest.param(
             evidence(OFF, raised=True, verdict="unknown", refused=("law.toml",)),
             "unexplained",
-            MISSES + "law.toml did not lower it.",
+            MISSES + "law.toml lowered it no more than chance may.",
             "",
             id="a law that did not pay",
         ),
         pytest.param(
             evidence(OFF, blocks=6),
             "unexplained",
+            MISSES + "a first check of the effects finds no cause.",
+            LOOK,
+            id="few blocks, scores",
+        ),
+        pytest.param(
+            evidence(OFF, blocks=6, verdict="none"),
+            "unexplained",
             MISSES + "6 independent stretches of data are too few to show why. Record a longer drive.",
             "",
             id="few blocks",
+        ),
+        pytest.param(
+            evidence(OFF, blocks=6, verdict="none", points=True),
+            "unexplained",
+            MISSES + "6 independent stretches of data are too few to show why. Measure more test points.",
+            "",
+            id="few test points",
+        ),
+        pytest.param(
+            evidence(OFF, verdict="none", closest="slope"),
+            "unexplained",
+            MISSES + "no effect explains it beyond chance, but slope may: held-out data can judge it.",
+            NEW + "slope" + DATA,
+            id="by chance or not",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="effect", family=("slope",), share=0.53),
+            "explained",
+            MISSES + "slope explains 53% of it.",
+            NEW + "slope" + DATA,
+            id="one name for a part",
+        ),
+        pytest.param(
+            evidence(UNKNOWN, points=True),
+            "undecided",
+            "No effect stands out, but the noise of torque is not known.",
+            LOOK,
+            id="noise of test points unknown",
         ),
         pytest.param(
             evidence(OFF, blocks=3, raised=True),
@@ -194,5 +229,7 @@ def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amp
     # A torque of 1 N m, of which diagnose asks for 0.3 %.
     torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
     finding = SimpleNamespace(channel="torque", amplitude=amplitude)
-    found = SimpleNamespace(channels={"torque": torque}, failures=[finding], blocks=20, scores=None)
+    found = SimpleNamespace(
+        channels={"torque": torque}, failures=[finding], blocks=20, scores=None, wheels=[]
+    )
     assert of_comparison(found).raised is raised
