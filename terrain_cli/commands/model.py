@@ -211,7 +211,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     if plot:
         from terrain_cli.views import plots
 
-        written = plots.write_ladder(rungs, plot)
+        written = plots.write(rungs, plot)
         if not quiet:
             said = (
                 f"{len(written)} pictures in {plot}" if written else "no step was tried on data: no picture"
