@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from terrain_cli import ForeignFormatsError, check_formats, processes, version
-from terrain_cli.commands.suggestions import Group
+from terrain_cli.commands.options import Group
 from terrain_cli.presentation import terminal
 from terrain_cli.version import __version__
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, model_changes, options, paths, suggestions
+from terrain_cli.commands import comparison_options, model_changes, options, paths
 from terrain_cli.commands.model_changes import add
-from terrain_cli.commands.suggestions import Group
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import aligned, say
 from terrain_cli.vocabulary.choices import BASES
@@ -45,7 +44,6 @@ HISTORY_FORMAT = "terrain-est/model-history/1"
     "An id of the catalogue, or the TOML file of an effect (repeatable).",
     multiple=True,
     envvar="TERRAIN_EST_EFFECT",
-    shell_complete=suggestions.effects,
 )
 @click.option(
     "--fix",
@@ -233,7 +231,6 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     required=True,
     type=paths.EFFECT,
     metavar="EFFECT…",
-    shell_complete=suggestions.effects,
 )
 @model_changes.with_options
 @click.pass_context
@@ -260,7 +257,7 @@ def remove(context: click.Context, /, **_: Any) -> None:
 
 @click.group(
     "model",
-    cls=Group,
+    cls=options.Group,
     context_settings=options.CONTEXT,
     epilog="""\b
 Examples:

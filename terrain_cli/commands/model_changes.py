@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import Progress, as_json, say
 from terrain_cli.vocabulary.choices import BASES
@@ -156,9 +156,7 @@ def write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
     short_help="Add an effect, if it makes the held-out error fall.",
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
-@click.argument(
-    "effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]", shell_complete=suggestions.effects
-)
+@click.argument("effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]")
 @options.value(
     "--confirm INPUT",
     paths.INPUT,

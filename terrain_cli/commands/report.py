@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.presentation.terminal import Progress
 
 
@@ -26,7 +26,6 @@ from terrain_cli.presentation.terminal import Progress
     "--model FILE|linear|wong-reece",
     paths.MODEL,
     "Model of wheel and soil: a base, or a model file that adds effects to one.",
-    shell_complete=suggestions.models,
     default="wong-reece",
     show_default=True,
 )
