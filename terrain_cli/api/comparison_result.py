@@ -267,10 +267,8 @@ def report(
     formats.errors.CannotWriteError
         The page cannot be written.
     """
-    from terrain_cli.views import chart_style
     from terrain_cli.views import report as page
 
-    chart_style.need("report")
     file = as_model(model)
     with processes.jobs(jobs):
         windows = windows_of(data, file.model.effects, rover)

@@ -50,9 +50,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     further effects. The page needs no network and no other file; it prints. It takes the extra
     "report"; where that is missing, the command says how to add it.
     """
-    from terrain_cli.views import chart_style
-
-    chart_style.need("report")
     from terrain_cli import models
     from terrain_cli.improvement import compared
     from terrain_cli.improvement.model_alternatives import alternatives

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from altair.utils import schemapi
 
+from terrain_cli.presentation import comparison_text
 from terrain_cli.views import shown_samples, shown_segments
-from terrain_cli.views.report import sample_charts, soil_charts, written_sections
+from terrain_cli.views.report import drive_charts
 from terrain_cli.views.report.page_parts import Chart, Section, Table
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -34,6 +36,11 @@ MOST_DRIVERS = 9
 MOST_SAMPLES = 6_000
 #: Characters in the name of a segment.
 LONGEST = 48
+_NOTE = (
+    "In the unit of the channel. Held out: on stretches that were not fitted. Noise: the part of the error "
+    "that no model could predict. Bias: the mean of measured less predicted. Normalised: the rms error by "
+    "the rms of what was measured."
+)
 
 
 @dataclass(frozen=True)
@@ -122,7 +129,61 @@ def _content(comparison: Comparison) -> _Content:
 
 
 def _summary(content: _Content, asked: Asked | None) -> Section:
-    return written_sections.summary(content.comparison, list(map(str, content.table["status"])), asked)
+    comparison, statuses = content.comparison, list(map(str, content.table["status"]))
+    concluded = comparison_text.concluded(comparison, asked)
+    effects = comparison.model.get("effects") or []
+    with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
+    inputs = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
+    n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    fitted = (
+        f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
+        f"{counted(len(comparison.wheels), 'wheel')} from {counted(len(inputs), 'input')}, "
+        f"in {counted(len(statuses), 'segment')}."
+    )
+    fine = sum(status == "ok" for status in statuses)
+    verb = "has" if fine == 1 else "have"
+    usable = f"{fine or 'None'} of {counted(len(statuses), 'segment')} {verb} the status ok."
+    if len(statuses) == 1:
+        usable = f"The segment has the status {statuses[0]}."
+    points = [_sentence(finding.sentence) for finding in comparison.failures[:5]]
+    points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
+    return Section(
+        id="summary",
+        title="Summary",
+        text=[f"{usable} {fitted}"],
+        points=points,
+        parts=[_errors(comparison)],
+        lead=concluded.sentence.removesuffix(f" Next: {concluded.command}"),
+        command=concluded.command or comparison_text.looked_at(concluded, comparison, asked),
+    )
+
+
+def _errors(comparison: Comparison) -> Table:
+    rows = []
+    for name in shown_samples.channels(comparison):
+        errors = comparison.channels[name]
+        what = quantities.quantity(name, errors.unit)
+        rms, bias, noise, out, low, high = (
+            quantities.number(value * what.factor)
+            for value in (
+                *(errors.rmse, errors.bias, errors.noise),
+                *(errors.heldout_rmse, errors.heldout_low, errors.heldout_high),
+            )
+        )
+        interval = out if low == "–" else f"{out} ({low} to {high})"
+        ratio = f"{quantities.number(errors.heldout_rmse / errors.noise, 2)} ×" if errors.noise > 0.0 else "–"
+        normalised = quantities.number(errors.nrmse)
+        rows.append((what.label, ratio, interval, noise, rms, bias, normalised, f"{errors.n:,}"))
+    head = (
+        *("Channel", "held out / noise", "held out (95 %)", "noise"),
+        *("rms error", "bias", "normalised", "Samples"),
+    )
+    return Table("Errors of the prediction", head, rows, frozenset(range(1, len(head))), _NOTE)
+
+
+def _sentence(text: str) -> str:
+    """Write a text as a sentence: with a capital, and one full stop."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
 def _soil(content: _Content) -> Section:
@@ -133,7 +194,7 @@ def _soil(content: _Content) -> Section:
             f"{title} of each segment from its beginning to its end; the table has the numbers.",
             spec,
         )
-        for title, spec in soil_charts.of_soil(shown, content.chosen)
+        for title, spec in drive_charts.of_soil(shown, content.chosen)
     ]
     if any(shown["WKT"]):
         maps = dict([shown_segments.mapped_strength(shown)])
@@ -143,7 +204,7 @@ def _soil(content: _Content) -> Section:
             Chart(
                 f"Track by {label}",
                 f"Map of the track of one wheel. Each segment is coloured by its {label}, {_range(values)}.",
-                soil_charts.track(shown, values, label, content.chosen),
+                drive_charts.track(shown, values, label, content.chosen),
             )
             for label, values in maps.items()
         ]
@@ -152,7 +213,7 @@ def _soil(content: _Content) -> Section:
             Chart(
                 "Cohesion and friction angle, 95 % regions",
                 "Estimates of each segment, friction angle over cohesion; the table has the numbers.",
-                soil_charts.estimates(shown, content.chosen),
+                drive_charts.estimates(shown, content.chosen),
             )
         )
     if len(shown_segments.tested(shown)):
@@ -160,7 +221,7 @@ def _soil(content: _Content) -> Section:
             Chart(
                 "Shear strength, marked at σ*",
                 "Line of shear strength over normal stress for each segment; the table has numbers.",
-                soil_charts.strength(shown, content.chosen),
+                drive_charts.strength(shown, content.chosen),
             )
         )
     return Section(id="soil", title="Soil", parts=[*parts, _segments(content)])
@@ -213,7 +274,7 @@ def _agreement(content: _Content) -> Section:
         if any("time" in wheel.drivers for wheel in comparison.wheels):
             along = shown_samples.driver(comparison, "time", pooled)
             noise = errors.noise * what.factor
-            chart = sample_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
+            chart = drive_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
             title = f"Misfit of {what.words} along the drive"
             parts.append(Chart(title, _described(along, pooled.residual, what), chart, wide=True))
         few = pooled.take(_few_of_each(pooled.segment, content.kept))
@@ -222,7 +283,7 @@ def _agreement(content: _Content) -> Section:
             Chart(
                 f"Measured and predicted {what.words} in the segment marked",
                 f"{what.words} as measured and as predicted along the segment chosen.",
-                sample_charts.course(place, axis, few, what.label, keys, content.chosen, driven=driven),
+                drive_charts.course(place, axis, few, what.label, keys, content.chosen, driven=driven),
                 wide=True,
             )
         )
@@ -263,7 +324,7 @@ def _failures(content: _Content) -> Section:
     comparison = content.comparison
     rows = [
         (
-            written_sections.sentence(finding.sentence),
+            _sentence(finding.sentence),
             quantities.quantity(finding.channel, "").words,
             " or ".join(
                 quantities.quantity(name, "").words for name in (finding.driver, *finding.alternatives)
@@ -291,7 +352,7 @@ def _failures(content: _Content) -> Section:
                 Chart(
                     f"Misfit of {what.words} against {along.quantity.words}",
                     _described(along, pooled.residual, what),
-                    sample_charts.residual(
+                    drive_charts.residual(
                         along, pooled, what.label, errors.noise * what.factor, content.keys, content.chosen
                     ),
                 )
