@@ -155,7 +155,6 @@ def _drawings(found: Drawn) -> Iterator[Drawing]:
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
     from terrain_cli.presentation import segment_table
     from terrain_cli.views import figures, shown_samples, shown_segments
-    from terrain_cli.vocabulary import quantities
 
     shown = shown_samples.channels(comparison)
     yield "predicted-measured", partial(figures.predicted_measured, comparison)
@@ -163,8 +162,7 @@ def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
         yield f"residual-{name.replace('_', '-')}", partial(figures.residuals, comparison, name)
     table = shown_segments.soil_table(comparison)
     yield "strength", partial(figures.strength, table)
-    for name in shown:
-        what = quantities.quantity(name, comparison.channels[name].unit)
+    for name, what in shown.items():
         label = f"rms misfit of {what.words}{what.in_unit}"
         misfit = shown_samples.misfit(comparison, name)
         yield f"track-{name.replace('_', '-')}", partial(figures.track, table, {label: misfit})

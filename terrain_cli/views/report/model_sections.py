@@ -48,18 +48,15 @@ def section(models: Sequence[Alternative]) -> Section:
         return Section(id="models", title=title)
     own = models[_own(models)].comparison
     parts: list[Table | Chart] = []
-    for name in shown_samples.channels(own):
-        what = quantities.quantity(name, own.channels[name].unit)
+    for name, what in shown_samples.channels(own).items():
         parts.append(_errors(models, name, what))
         parts += _misfits(models, name, what)
     return Section(id="models", title=title, text=[_TEXT], parts=[_table(models), *parts])
 
 
 def _table(models: Sequence[Alternative]) -> Table:
-    shown = shown_samples.channels(models[_own(models)].comparison)
     head, rows = ["Model"], [[label] for _, label in choices(models)[0]]
-    for name in shown:
-        what = quantities.quantity(name, models[0].comparison.channels[name].unit)
+    for name, what in shown_samples.channels(models[_own(models)].comparison).items():
         head += [f"held-out error of {what.symbol}{what.in_unit}", "× noise"]
         for row, one in zip(rows, models, strict=True):
             errors = one.comparison.channels[name]

@@ -57,25 +57,13 @@ class _Content:
     order: Index
 
     @property
-    def keys(self) -> NDArray[np.str_]:
-        return np.asarray(self.table["key"])
-
-    @property
-    def names(self) -> NDArray[np.str_]:
-        return np.asarray(self.table["name"])
-
-    @property
     def chosen(self) -> str:
-        return str(self.keys[self.order[0]])
+        return str(self.table["key"][self.order[0]])
 
     @property
     def thinned(self) -> dict[str, Any]:
         """The table of the segments that can be chosen."""
         return {name: np.asarray(column)[self.kept] for name, column in self.table.items()}
-
-    @property
-    def units(self) -> dict[str, quantities.Quantity]:
-        return {name: quantities.quantity(name, self.comparison.channels[name].unit) for name in self.misfits}
 
 
 def of(
@@ -84,12 +72,10 @@ def of(
     """Return the sections of a comparison, key and label of each segment to choose, and the first key."""
     progress("segments")
     content = _content(comparison)
-    worst = content.order[0]
+    names, keys, worst = content.table["name"], content.table["key"], content.order[0]
+    several = len(content.kept) > 1
     choices = [
-        (
-            str(content.keys[row]),
-            f"{content.names[row]}{' (worst misfit)' if row == worst and len(content.kept) > 1 else ''}",
-        )
+        (str(keys[row]), f"{names[row]}{' (worst misfit)' if row == worst and several else ''}")
         for row in content.kept
     ]
     sections = []
@@ -109,20 +95,16 @@ def of(
 def _content(comparison: Comparison) -> _Content:
     table = dict(shown_segments.soil_table(comparison))
     # Long paths differ at their ends.
-    table["name"] = [
-        f"…{name[1 - LONGEST :]}" if len(name) > LONGEST else name for name in shown_segments.names(table)
-    ]
-    table["key"] = [
-        f"{index}:{row}"
-        for index, wheel in enumerate(comparison.wheels)
-        for row in range(len(wheel.segments))
-    ]
-    misfits = {name: shown_samples.misfit(comparison, name) for name in shown_samples.channels(comparison)}
+    names = shown_segments.names(table)
+    table["name"] = np.array([f"…{n[1 - LONGEST :]}" if len(n) > LONGEST else n for n in names])
+    lengths = enumerate(len(wheel.segments) for wheel in comparison.wheels)
+    table["key"] = np.array([f"{index}:{row}" for index, length in lengths for row in range(length)])
+    shown = shown_samples.channels(comparison)
+    misfits = {name: shown_samples.misfit(comparison, name) for name in shown}
     # Of all channels, each in units of its rms error.
     total = np.zeros(len(table["name"]))
     for name, misfit in misfits.items():
-        errors = comparison.channels[name]
-        usual = errors.rmse * quantities.quantity(name, errors.unit).factor
+        usual = comparison.channels[name].rmse * shown[name].factor
         total += np.nan_to_num(misfit / usual) ** 2 if usual > 0.0 else 0.0
     order = np.argsort(-total, kind="stable")
     return _Content(comparison, table, misfits, np.sort(order[:MOST_CHOICES]), order)
@@ -160,9 +142,8 @@ def _summary(content: _Content, asked: Asked | None) -> Section:
 
 def _errors(comparison: Comparison) -> Table:
     rows = []
-    for name in shown_samples.channels(comparison):
+    for name, what in shown_samples.channels(comparison).items():
         errors = comparison.channels[name]
-        what = quantities.quantity(name, errors.unit)
         rms, bias, noise, out, low, high = (
             quantities.number(value * what.factor)
             for value in (
@@ -198,7 +179,7 @@ def _soil(content: _Content) -> Section:
     ]
     if any(shown["WKT"]):
         maps = dict([shown_segments.mapped_strength(shown)])
-        for name, what in content.units.items():
+        for name, what in shown_samples.channels(content.comparison).items():
             maps[f"misfit of {what.words}{what.in_unit}"] = content.misfits[name][content.kept]
         parts += [
             Chart(
@@ -228,7 +209,7 @@ def _soil(content: _Content) -> Section:
 
 
 def _segments(content: _Content) -> Table:
-    table, names = content.table, content.names
+    table, names = content.table, content.table["name"]
     kept = np.sort(content.order[:MOST_ROWS])
     rows = [
         (
@@ -250,9 +231,10 @@ def _segments(content: _Content) -> Table:
         for row in kept
     ]
     strength, _ = shown_segments.mapped_strength(table)
+    shown = shown_samples.channels(content.comparison)
     head = (
         *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
-        *(f"misfit of {what.symbol}{what.in_unit}" for what in content.units.values()),
+        *(f"misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
         "Status",
     )
     left_out = len(names) - len(kept)
@@ -263,17 +245,15 @@ def _segments(content: _Content) -> Table:
 
 
 def _agreement(content: _Content) -> Section:
-    comparison, keys = content.comparison, content.keys
+    comparison, keys = content.comparison, content.table["key"]
     parts: list[Table | Chart] = []
-    for name in shown_samples.channels(comparison):
-        errors = comparison.channels[name]
-        what = quantities.quantity(name, errors.unit)
+    for name, what in shown_samples.channels(comparison).items():
         pooled = shown_samples.pairs(comparison, name)
         if not len(pooled.measured):
             continue
         if any("time" in wheel.drivers for wheel in comparison.wheels):
             along = shown_samples.driver(comparison, "time", pooled)
-            noise = errors.noise * what.factor
+            noise = comparison.channels[name].noise * what.factor
             chart = drive_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
             title = f"Misfit of {what.words} along the drive"
             parts.append(Chart(title, _described(along, pooled.residual, what), chart, wide=True))
@@ -321,7 +301,7 @@ def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
 
 
 def _failures(content: _Content) -> Section:
-    comparison = content.comparison
+    comparison, keys = content.comparison, content.table["key"]
     rows = [
         (
             _sentence(finding.sentence),
@@ -342,9 +322,8 @@ def _failures(content: _Content) -> Section:
     if rows:
         note = "p holds for all findings together. The share is of the misfit beyond noise."
         parts.append(Table("What the misfit follows", head, rows, frozenset({4, 5}), note))
-    for name in shown_samples.channels(comparison):
-        errors = comparison.channels[name]
-        what = quantities.quantity(name, errors.unit)
+    for name, what in shown_samples.channels(comparison).items():
+        noise = comparison.channels[name].noise * what.factor
         pooled = shown_samples.pairs(comparison, name)
         for driver in shown_samples.drivers(comparison, name, pooled, MOST_DRIVERS):
             along = shown_samples.driver(comparison, driver, pooled)
@@ -352,9 +331,7 @@ def _failures(content: _Content) -> Section:
                 Chart(
                     f"Misfit of {what.words} against {along.quantity.words}",
                     _described(along, pooled.residual, what),
-                    drive_charts.residual(
-                        along, pooled, what.label, errors.noise * what.factor, content.keys, content.chosen
-                    ),
+                    drive_charts.residual(along, pooled, what.label, noise, keys, content.chosen),
                 )
             )
     legend = (
