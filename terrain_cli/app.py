@@ -116,10 +116,7 @@ def cli() -> None:
 
 
 def fail(message: str, hint: str, code: int) -> NoReturn:
-    """Say what went wrong in one line, what to do in the next, and end."""
-    click.echo(f"terrain-est: {terminal.in_line(message)}", err=True)
-    if hint:
-        click.echo(f"  {hint}".replace("\n", "\n  "), err=True)
+    terminal.complain(message, hint)
     sys.exit(code)
 
 

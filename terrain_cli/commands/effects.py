@@ -127,9 +127,7 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
             understood = effect_file.read(file)
         except (TerrainError, FormatError) as error:
             codes.append(error.exit_code)
-            click.echo(f"terrain-est: {error}", err=True)
-            if error.hint:
-                click.echo(f"  {error.hint}".replace("\n", "\n  "), err=True)
+            terminal.complain(str(error), error.hint)
             documents.append({"file": file, "ok": False, "error": str(error), "hint": error.hint})
             continue
         if understood.effect.id in effects.catalogue():

@@ -241,7 +241,6 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
     from formats.text.arriving_bytes import ArrivingBytes
     from terrain_cli import processes
     from terrain_cli.estimation import estimators
-    from terrain_cli.presentation import segment_files
     from terrain_cli.stream.follow import Follow
     from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
 
@@ -257,7 +256,6 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
             "--follow counts fixed windows in samples",
             hint="give --window-samples N, or leave out --segments fixed",
         )
-    segment_files.check(None, None, given["crs"])
     settings = options.settings(given)
     if given["again"] and estimators.choose(settings.method, settings.model, robust=settings.robust) is None:
         raise UsageError(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, model_changes, options, paths
+from terrain_cli.commands import model_changes, options, paths
 from terrain_cli.commands.model_changes import add
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import aligned, say
@@ -241,18 +240,7 @@ def remove(context: click.Context, /, **_: Any) -> None:
     that were not fitted. It is removed whatever comes out, as you have asked for it; if the held-out
     error rises, this is said, and `terrain-est model add` brings it back. FILE remembers either.
     """
-    from terrain_cli.improvement import model_history
-    from terrain_cli.presentation import change_text
-
-    before, changed = model_changes.change(context, "remove")
-    if not context.params["inputs"]:
-        model_changes.untested(context, "remove", changed)
-        return
-    step = replace(model_changes.tried(context, "remove", before, changed), kept=True)
-    because = f"asked for; {change_text.found(step)}"
-    model_changes.write(context.params["file"], changed.file, model_history.entry(step, because))
-    asked = comparison_options.repeated(context, context.params["file"])
-    model_changes.tell(context, change_text.text(step, asked), change_text.document(step, asked))
+    model_changes.change(context, "remove")
 
 
 @click.group(

@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from terrain_cli.commands import paths
-from terrain_cli.errors import ConfigurationError, UsageError, nearest
+from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.run.settings import Settings
 from terrain_cli.vocabulary.choices import (
     CUT_SAMPLES,
@@ -262,15 +262,11 @@ estimation = together(
 
 def settings(given: Mapping[str, Any]) -> Settings:
     """Return what `estimation` was given, checked as far as it can be before any input is read."""
-    import formats
     from terrain_cli.estimation import estimators
+    from terrain_cli.presentation import segment_files
     from terrain_cli.windows import locations as tables
 
-    if given["crs"]:
-        try:
-            formats.check_crs(given["crs"])
-        except formats.FormatError as error:
-            raise UsageError(f"--crs {error}", hint=error.hint) from None
+    segment_files.check(None, None, given["crs"])
     lengths = ("min_samples", "window_samples", "window_distance")
     others = ("method", "segments", "folds", "where", "model", "robust", "at_stress", "salvage")
     chosen = Settings(

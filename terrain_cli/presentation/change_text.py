@@ -135,7 +135,9 @@ def proof(step: Step, ask: str = "--confirm LOG or --keep-aside SHARE") -> str:
 
 
 def reason(step: Step) -> str:
-    """Say why an effect is added, for the history of the model."""
+    """Say why a change is made, for the history of the model."""
+    if step.action == "remove":
+        return f"asked for; {found(step)}"
     proof = step.confirmation
     if proof is None:
         return found(step) if step.pays else f"--keep; {found(step)}"
@@ -290,7 +292,7 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
         rows: list[Sequence[str]] = [("held-out rms error", "at first", "95 %", "at last", "95 %", "noise")]
         for one in first.channels:
             what = quantities.quantity(one.name, one.unit)
-            cells = [cell for v in (one.before, after[one.name]) for cell in _cells(v, what.factor)]
+            cells = [cell for v in (one.before, after[one.name]) for cell in cells(v, what.factor)]
             noise = next(x.noise for x in last.channels if x.name == one.name)
             rows.append((what.label, *cells, quantities.number(noise * what.factor)))
         lines += ["", *aligned(rows), "", proof(first, "--keep-aside SHARE")]
@@ -305,17 +307,18 @@ def _errors(step: Step) -> list[str]:
         numbers = [
             cell
             for interval in (one.before, one.after, one.difference)
-            for cell in _cells(interval, what.factor)
+            for cell in cells(interval, what.factor)
         ]
         rows.append((what.label, *numbers, quantities.number(one.noise * what.factor)))
     ratio = step.evidence.overall
     if len(rows) > 1:
-        value, range_ = _cells(ratio, 1.0)
+        value, range_ = cells(ratio, 1.0)
         rows.append(("all, as a ratio", "", "", "", "", f"× {value}", range_, ""))
     return aligned([head, *rows])
 
 
-def _cells(interval: Interval, factor: float) -> tuple[str, str]:
+def cells(interval: Interval, factor: float) -> tuple[str, str]:
+    """Write a value and its interval, in the unit that a factor leads to."""
     value, low, high = (quantities.number(v * factor) for v in interval)
     return value, f"{low} … {high}" if math.isfinite(interval.low) else "–"
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from terrain_cli.presentation import change_text
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.improvement.improvement_outcome import ChannelChange, Interval
+    from terrain_cli.improvement.improvement_outcome import ChannelChange
     from terrain_cli.improvement.model_history import Rung
 
 
@@ -29,15 +30,10 @@ def _cells(one: ChannelChange) -> list[str]:
     what = quantities.quantity(one.name, one.unit)
     return [
         what.label,
-        *_value(one.before, what.factor),
-        *_value(one.after, what.factor),
+        *change_text.cells(one.before, what.factor),
+        *change_text.cells(one.after, what.factor),
         quantities.number(one.noise * what.factor),
     ]
-
-
-def _value(interval: Interval, factor: float) -> tuple[str, str]:
-    value, low, high = (quantities.number(v * factor) for v in interval)
-    return value, f"{low} … {high}" if math.isfinite(interval.low) else "–"
 
 
 def remarks(ladder: Sequence[Rung]) -> list[str]:
