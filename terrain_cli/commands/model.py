@@ -186,7 +186,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     noise that no model could predict. A step may have been tried on other data than the one before.
     """
     from terrain_cli.improvement import model_history
-    from terrain_cli.views import ladder_table as views
+    from terrain_cli.presentation import change_text
 
     model = model_changes.load(file)
     rungs = model_history.rungs(model.history)
@@ -203,8 +203,8 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
         name = " + ".join([model.model.base, *(effect.id for effect in model.model.effects)])
         say(f"{file}: {name}, after {counted(len(rungs), 'change')} on record")
         if rungs:
-            head, rows = views.table(rungs)
-            say("\n".join(["", *aligned([head, *rows]), "", *views.remarks(rungs)]))
+            head, rows = change_text.ladder(rungs)
+            say("\n".join(["", *aligned([head, *rows]), "", *change_text.remarks(rungs)]))
     if plot:
         from terrain_cli.views import plots
 

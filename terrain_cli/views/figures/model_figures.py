@@ -11,9 +11,8 @@ from matplotlib.patches import Patch
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement.model_history import channels
 from terrain_cli.views import shown_samples
-from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
+from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN, measured, top
 from terrain_cli.views.figures.picture import Picture
-from terrain_cli.views.ladder_table import measured, top
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:

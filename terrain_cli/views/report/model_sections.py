@@ -8,8 +8,9 @@ import altair as alt
 import numpy as np
 
 from terrain_cli.improvement.model_history import Rung, channels, rungs
-from terrain_cli.views import ladder_table, shown_samples
-from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN
+from terrain_cli.presentation import change_text
+from terrain_cli.views import shown_samples
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, measured, top
 from terrain_cli.views.report.page_parts import CHOSEN, Chart, Section, Sheet, Table, scale, tips
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.quantities import counted
@@ -155,17 +156,17 @@ def history(entries: Sequence[Mapping[str, Any]]) -> Section:
     if not entries:
         return Section(id="history", title="How the model came about")
     ladder = rungs(entries)
-    head, rows = ladder_table.table(ladder)
+    head, rows = change_text.ladder(ladder)
     note = "rms errors on stretches of the data that were not fitted, before and after each change."
     head = [word.capitalize() for word in head]
     table = Table("Held-out errors, change by change", head, rows, frozenset(range(3, 8)), note)
     charts = [_rungs(ladder, name) for name in channels(ladder)]
-    points = [f"{remark}." for remark in ladder_table.remarks(ladder)]
+    points = [f"{remark}." for remark in change_text.remarks(ladder)]
     return Section(id="history", title="How the model came about", points=points, parts=[*charts, table])
 
 
 def _rungs(ladder: Sequence[Rung], name: str) -> Chart:
-    known = ladder_table.measured(ladder, name)
+    known = measured(ladder, name)
     what = quantities.quantity(name, known[0][1].unit)
     first, last = known[0][1].before.value, known[-1][1].after.value
     told = " to ".join(f"{quantities.number(value * what.factor)} {what.unit}" for value in (first, last))
@@ -177,7 +178,7 @@ def _rungs(ladder: Sequence[Rung], name: str) -> Chart:
 
 
 def _ladder(ladder: Sequence[Rung], name: str) -> Spec:
-    known = ladder_table.measured(ladder, name)
+    known = measured(ladder, name)
     what = quantities.quantity(name, known[0][1].unit)
     steps = [f"{rung.number} {rung.label}" for rung, _ in known]
     columns: dict[str, list[Any]] = {"step": [], "when": [], "value": [], "low": [], "high": []}
@@ -197,7 +198,7 @@ def _ladder(ladder: Sequence[Rung], name: str) -> Spec:
         "fill": alt.Fill("when:N", scale=alt.Scale(**sides, range=["white", COLOURS[0]]), legend=legend),
     }
     title = f"rms error{what.in_unit}"
-    y = alt.Y("value:Q", title=title, scale=scale(0.0, ladder_table.top(known) * what.factor))
+    y = alt.Y("value:Q", title=title, scale=scale(0.0, top(known) * what.factor))
     told = tips(step="change", when=" ", value="held-out error", low="2.5 %", high="97.5 %")
     base = sheet.chart(**columns).encode(x=x, xOffset=aside)
     bars = base.mark_rule(color=COLOURS[0], clip=True).encode(y=alt.Y("low:Q", title=title), y2="high:Q")
