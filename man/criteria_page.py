@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import ModuleType
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -12,10 +19,36 @@ sys.path.insert(0, str(HERE.parent))
 from terrain_cli.comparison import comparison_criteria  # noqa: E402 - needs the path above
 from terrain_cli.diagnosis import diagnosis_criteria  # noqa: E402
 from terrain_cli.improvement import improvement_criteria  # noqa: E402
-from terrain_cli.vocabulary.criterion import JUDGED, DeclaredCriterion, criteria_of  # noqa: E402
+from terrain_cli.vocabulary.choices import JUDGED  # noqa: E402
 
 PAGE = HERE.parent / "docs" / "criteria.md"
 MODULES = (comparison_criteria, diagnosis_criteria, improvement_criteria)
+
+
+class DeclaredCriterion(NamedTuple):
+    """A number that decides, and why it is that number."""
+
+    module: str
+    name: str
+    question: str  # What it answers, with others beside it
+    remark: str  # Why the answers to one question differ
+    #: The one in force.
+    value: float
+    meaning: str
+    evidence: str
+
+
+def criteria_of(module: ModuleType) -> Iterator[DeclaredCriterion]:
+    """Yield the criteria of a module from its source, each under the question that stands above it."""
+    question = remark = ""
+    for node in ast.parse(inspect.getsource(module)).body[1:]:
+        match node:
+            case ast.Expr(ast.Constant(str() as words)):
+                question, _, remark = (" ".join(part.split()) for part in words.partition("\n"))
+            case ast.Assign([ast.Name(name)], ast.Call(ast.Name("criterion"), [_, *said])):
+                meaning, evidence = (*map(ast.literal_eval, said), JUDGED)[:2]
+                value = getattr(module, name)
+                yield DeclaredCriterion(module.__name__, name, question, remark, value, meaning, evidence)
 
 
 def criteria() -> list[DeclaredCriterion]:

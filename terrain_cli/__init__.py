@@ -35,6 +35,7 @@ the command writes. Errors that a user can cause are `terrain_cli.errors.Terrain
 `formats.errors.FormatError`; each has a `hint`.
 """
 
+# ruff: noqa: F403, F405
 from __future__ import annotations
 
 from importlib.util import find_spec
@@ -44,29 +45,8 @@ from typing import TYPE_CHECKING, Any
 from terrain_cli.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from terrain_cli.api import (
-        ComparisonResult,
-        DiagnosisResult,
-        EffectTrial,
-        ModelFile,
-        Samples,
-        SimulatedDrive,
-        Windows,
-        add_effect,
-        compare,
-        diagnose,
-        estimate,
-        from_frame,
-        load_model,
-        load_rover,
-        posterior,
-        read,
-        report,
-        segment,
-        simulate,
-        summarise,
-        trace,
-    )
+    # For type checkers; see __getattr__.
+    from terrain_cli.api import *
 
 __all__ = [
     "ComparisonResult",

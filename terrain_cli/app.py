@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from terrain_cli import ForeignFormatsError, check_formats, processes, version
-from terrain_cli.commands.suggestions import Group
+from terrain_cli.commands.options import Group
 from terrain_cli.presentation import terminal
 from terrain_cli.version import __version__
 
@@ -116,10 +116,7 @@ def cli() -> None:
 
 
 def fail(message: str, hint: str, code: int) -> NoReturn:
-    """Say what went wrong in one line, what to do in the next, and end."""
-    click.echo(f"terrain-est: {terminal.in_line(message)}", err=True)
-    if hint:
-        click.echo(f"  {hint}".replace("\n", "\n  "), err=True)
+    terminal.complain(message, hint)
     sys.exit(code)
 
 

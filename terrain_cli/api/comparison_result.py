@@ -13,7 +13,7 @@ from terrain_cli.api.logs import as_model, windows_of
 from terrain_cli.comparison import against as difference
 from terrain_cli.improvement import compared
 from terrain_cli.improvement.model_alternatives import alternatives
-from terrain_cli.presentation import comparison_text, terminal
+from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import escaped
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ _DIFFERENCES = (
 
 
 @dataclass(frozen=True, repr=False)
-class ComparisonResult:
+class ComparisonResult(result_tables.Result):
     """What `compare` found: errors of each channel, and where the model fails.
 
     ``print`` shows the text of ``terrain-est compare``, a notebook shows the tables.
@@ -107,16 +107,6 @@ class ComparisonResult:
         ``moved`` marks what differs by more than three standard errors.
         """
         return result_tables.frame(self._document.get("differences", ()), _DIFFERENCES)
-
-    def to_json(self) -> str:
-        """Return the text that ``terrain-est compare --json`` prints.
-
-        Returns
-        -------
-        str
-            JSON, without the newline at the end. Units are SI; null where a value is not known.
-        """
-        return terminal.as_json(self._document)
 
     def plot(self, name: str = "predicted-measured") -> Figure:
         """Draw a picture of the (last) model.
@@ -267,10 +257,8 @@ def report(
     formats.errors.CannotWriteError
         The page cannot be written.
     """
-    from terrain_cli.views import chart_style
     from terrain_cli.views import report as page
 
-    chart_style.need("report")
     file = as_model(model)
     with processes.jobs(jobs):
         windows = windows_of(data, file.model.effects, rover)

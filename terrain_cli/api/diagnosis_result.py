@@ -13,7 +13,7 @@ from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import diagnose as diagnosed
 from terrain_cli.diagnosis.verdict import sizes_text
-from terrain_cli.presentation import diagnosis_text, terminal
+from terrain_cli.presentation import diagnosis_text
 from terrain_cli.presentation.terminal import escaped
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ _SHOWN = 8
 
 
 @dataclass(frozen=True, repr=False)
-class DiagnosisResult:
+class DiagnosisResult(result_tables.Result):
     """What `diagnose` found: which effect a model lacks, as far as the data tell.
 
     ``print`` shows the text of ``terrain-est diagnose``, a notebook shows the tables.
@@ -109,17 +109,6 @@ class DiagnosisResult:
             for name, size in one["parameters"].items()
         ]
         return result_tables.frame(rows, ("effect", "parameter", "value", "se", "unit"))
-
-    def to_json(self) -> str:
-        """Return the text that ``terrain-est diagnose --json`` prints.
-
-        Returns
-        -------
-        str
-            JSON, without the newline at the end. Units are SI or stand beside the value; null where a
-            value is not known.
-        """
-        return terminal.as_json(self._document)
 
     def plot(self) -> Figure:
         """Draw what each candidate explains of the misfit, and what it does to the held-out loss.

@@ -12,7 +12,7 @@ from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.comparison import kept_aside
 from terrain_cli.improvement import model_history
-from terrain_cli.presentation import change_text, terminal
+from terrain_cli.presentation import change_text
 from terrain_cli.presentation.terminal import escaped
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ _PARAMETERS = ("source", "wheel", "name", "value", "se", "unit", "determined")
 
 
 @dataclass(frozen=True, repr=False)
-class EffectTrial:
+class EffectTrial(result_tables.Result):
     """What `add_effect` did, and why.
 
     ``print`` shows the text of ``terrain-est model add``, a notebook shows the tables.
@@ -98,17 +98,6 @@ class EffectTrial:
         ``determined`` is False where the data leave one open.
         """
         return result_tables.frame(self._document["parameters"], _PARAMETERS)
-
-    def to_json(self) -> str:
-        """Return the text that ``terrain-est model add --json`` prints.
-
-        Returns
-        -------
-        str
-            JSON, without the newline at the end. Errors are in SI units; null where a value is not
-            known, and under "file" if there is none.
-        """
-        return terminal.as_json(self._document)
 
     def plot(self) -> Figure:
         """Draw the held-out error after each change that the model remembers, and after this one.

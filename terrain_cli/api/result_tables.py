@@ -1,12 +1,14 @@
-"""Results of commands as tables of pandas and as HTML."""
+"""Results of commands as JSON, as tables of pandas and as HTML."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from terrain_cli.presentation import terminal
 from terrain_cli.vocabulary.quantities import short
 
 if TYPE_CHECKING:
@@ -16,6 +18,25 @@ if TYPE_CHECKING:
 _IN_NAMES = {"N m": "Nm"}
 #: Rows that a notebook shows.
 _MOST_ROWS = 50
+
+
+class Result:
+    """What the results of all commands can do."""
+
+    @cached_property
+    def _document(self) -> dict[str, Any]:
+        raise NotImplementedError
+
+    def to_json(self) -> str:
+        """Return the text that the command prints with ``--json``, or ``simulate`` writes for ``--truth``.
+
+        Returns
+        -------
+        str
+            JSON, without the newline at the end. Units are SI unless a key, or a unit beside the value, says
+            otherwise; null where a value is not known.
+        """
+        return terminal.as_json(self._document)
 
 
 def frame(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:

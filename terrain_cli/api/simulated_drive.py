@@ -12,7 +12,6 @@ from terrain_cli import rover as rovers
 from terrain_cli import simulation
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import from_frame
-from terrain_cli.presentation import terminal
 from terrain_cli.simulation import simulation_files as truths
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ _LABEL = "simulate()"
 
 
 @dataclass(frozen=True, repr=False)
-class SimulatedDrive:
+class SimulatedDrive(result_tables.Result):
     """What `simulate` measured, and the truth behind it.
 
     Parameters
@@ -71,16 +70,6 @@ class SimulatedDrive:
     @cached_property
     def _document(self) -> dict[str, Any]:
         return truths.document(self.log)
-
-    def to_json(self) -> str:
-        """Return the document that ``terrain-est simulate --truth FILE.json`` writes.
-
-        Returns
-        -------
-        str
-            JSON. Units are SI where the name has none; null where a value is not defined.
-        """
-        return terminal.as_json(self._document)
 
     def plot(self) -> Figure:
         """Draw every channel against time, and where the soil changes under a wheel.

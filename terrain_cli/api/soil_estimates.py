@@ -147,15 +147,7 @@ def summarise(
 
     Parameters
     ----------
-    cut : Windows, Samples, path, DataFrame, or a sequence of them
-        As for `estimate`.
-    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
-        As for `estimate`.
-    min_samples : int, optional
-        As for `estimate`.
-    model : ModelFile, str or Path, optional
-        As for `estimate`.
-    robust : bool
+    cut, method, min_samples, model, robust
         As for `estimate`.
 
     Returns

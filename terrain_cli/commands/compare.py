@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import Progress, as_json, say
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     "Model of wheel and soil: a base, or a model file that adds effects to one. "
     "Given twice, two models side by side on the same blocks.  [wong-reece]",
     multiple=True,
-    shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default=("wong-reece",),
 )

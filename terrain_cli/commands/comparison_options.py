@@ -87,8 +87,7 @@ def read(
     """Read every input, with all that the models need, and cut it into windows.
 
     The context is of a verb with `cutting`, inputs, --rover and --wheel; where it has --keep-aside, samples
-    of its own inputs are marked. InputError where no sample can be
-    used.
+    are marked. InputError where no sample can be used.
     """
     import formats
     from terrain_cli import processes
@@ -116,7 +115,7 @@ def read(
             hint="terrain-est inspect shows what each channel is read from",
         )
     share = context.params.get("keep_aside")
-    return cut if share is None or inputs is not None else kept_aside.marked(cut, share)
+    return cut if share is None else kept_aside.marked(cut, share)
 
 
 def _cut(

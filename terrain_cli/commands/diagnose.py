@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.presentation.terminal import Progress, as_json, say
 
 
@@ -28,7 +28,6 @@ from terrain_cli.presentation.terminal import Progress, as_json, say
     "--model FILE|linear|wong-reece",
     paths.MODEL,
     "Model that may lack something: a base, or a model file.  [wong-reece]",
-    shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default="wong-reece",
 )

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths, suggestions
-from terrain_cli.commands.suggestions import Group
+from terrain_cli.commands import options, paths
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.effect import KINDS, Effect
 from terrain_cli.presentation import terminal
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 @click.group(
     "effects",
-    cls=Group,
+    cls=options.Group,
     epilog="""\b
 Examples:
   terrain-est effects list --kind sensor
@@ -78,9 +77,7 @@ def list_effects(kind: str | None, as_json: bool) -> None:
     "terrain-est effects show max-stress-angle cable-drag.toml --json",
     short_help="Tell all about effects: law, parameters, signature, source.",
 )
-@click.argument(
-    "names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…", shell_complete=suggestions.effects
-)
+@click.argument("names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
 @options.as_json
 def show(names: tuple[str, ...], as_json: bool) -> None:
     """Tell all about each EFFECT: an id of the catalogue, a file of your own, or an assumption of a base.
@@ -130,9 +127,7 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
             understood = effect_file.read(file)
         except (TerrainError, FormatError) as error:
             codes.append(error.exit_code)
-            click.echo(f"terrain-est: {error}", err=True)
-            if error.hint:
-                click.echo(f"  {error.hint}".replace("\n", "\n  "), err=True)
+            terminal.complain(str(error), error.hint)
             documents.append({"file": file, "ok": False, "error": str(error), "hint": error.hint})
             continue
         if understood.effect.id in effects.catalogue():

@@ -148,7 +148,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     _write(outcomes, settings, given)
 
 
-def _write(  # noqa: C901, PLR0912 - one branch for each thing asked for
+def _write(  # noqa: C901 - one branch for each thing asked for
     outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, Any]
 ) -> None:
     """Write all that was asked for, the table last: what reads it may stop early."""
@@ -156,18 +156,18 @@ def _write(  # noqa: C901, PLR0912 - one branch for each thing asked for
     from terrain_cli import estimation
     from terrain_cli.presentation import segment_files, segment_table, summary
 
+    def joined(name: str) -> Table:
+        return segment_table.join([one for outcome in outcomes for one in getattr(outcome, name)])
+
     if given["rejects"]:
-        formats.write_table(
-            segment_table.join([t for outcome in outcomes for t in outcome.rejects]), given["rejects"]
-        )
+        formats.write_table(joined("rejects"), given["rejects"])
     for outcome in outcomes:
         if outcome.error:
             raise outcome.error
     table = segment_table.join([outcome.table for outcome in outcomes])
     for name in ("trace", "posterior"):
         if given[name]:
-            tables = [t for outcome in outcomes for t in getattr(outcome, name)]
-            formats.write_table(segment_table.join(tables), given[name])
+            formats.write_table(joined(name), given[name])
     estimates = estimation.join([part for outcome in outcomes for part in outcome.estimates])
     document = summary.document(
         table, estimates, [outcome.account for outcome in outcomes], settings.document()
@@ -184,9 +184,7 @@ def _write(  # noqa: C901, PLR0912 - one branch for each thing asked for
             with formats.replacing(given["summary"]) as temporary:
                 Path(temporary).write_text(text + "\n", encoding="utf-8")
     crs = segment_table.reference_system(table, given["crs"])
-    points = None
-    if given["samples"]:
-        points = (segment_table.join([t for outcome in outcomes for t in outcome.samples]), given["samples"])
+    points = (joined("samples"), given["samples"]) if given["samples"] else None
     # Nobody reads WKT on a screen.
     for_reading = given["output"] is None and not given["csv"] and sys.stdout.isatty()
     segment_files.write(table, None if for_reading else given["output"] or "-", crs, points)
@@ -241,7 +239,6 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
     from formats.byte_sources import ArrivingBytes
     from terrain_cli import processes
     from terrain_cli.estimation import estimators
-    from terrain_cli.presentation import segment_files
     from terrain_cli.stream.follow import Follow
     from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
 
@@ -257,7 +254,6 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
             "--follow counts fixed windows in samples",
             hint="give --window-samples N, or leave out --segments fixed",
         )
-    segment_files.check(None, None, given["crs"])
     settings = options.settings(given)
     if given["again"] and estimators.choose(settings.method, settings.model, robust=settings.robust) is None:
         raise UsageError(

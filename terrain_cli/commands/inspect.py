@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options
-from terrain_cli.presentation.terminal import Progress, in_lines, say
+from terrain_cli.presentation.terminal import Progress, complain, in_lines, say
 
 if TYPE_CHECKING:
     from formats import FormatError
@@ -74,6 +74,5 @@ def command(**given: Any) -> int:
             click.echo(f"{document['source']}: {remark}", err=True)
     for one in problems:
         where = "" if one["source"] in one["error"] else f"{one['source']}: "
-        hint = f"\n{one['hint']}".replace("\n", "\n  ") * bool(one["hint"])
-        click.echo(f"terrain-est: {where}{one['error']}{hint}", err=True)
+        complain(where + one["error"], one["hint"])
     return problems[0]["exit_code"] if problems else 0

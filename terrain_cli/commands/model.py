@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, model_changes, options, paths, suggestions
+from terrain_cli.commands import model_changes, options, paths
 from terrain_cli.commands.model_changes import add
-from terrain_cli.commands.suggestions import Group
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import aligned, say
 from terrain_cli.vocabulary.choices import BASES
@@ -45,7 +43,6 @@ HISTORY_FORMAT = "terrain-est/model-history/1"
     "An id of the catalogue, or the TOML file of an effect (repeatable).",
     multiple=True,
     envvar="TERRAIN_EST_EFFECT",
-    shell_complete=suggestions.effects,
 )
 @click.option(
     "--fix",
@@ -174,7 +171,7 @@ def _text(document: dict[str, Any]) -> list[str]:
     "terrain-est model history model.toml --plot pictures",
     short_help="Show what each change did to the held-out error.",
 )
-@click.argument("file", type=paths.MODEL, metavar="FILE")
+@click.argument("file", type=paths.Reads("the model file"), metavar="FILE")
 @options.as_json
 @options.value(
     "--plot DIR",
@@ -189,7 +186,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     noise that no model could predict. A step may have been tried on other data than the one before.
     """
     from terrain_cli.improvement import model_history
-    from terrain_cli.views import ladder_table as views
+    from terrain_cli.presentation import change_text
 
     model = model_changes.load(file)
     rungs = model_history.rungs(model.history)
@@ -206,12 +203,12 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
         name = " + ".join([model.model.base, *(effect.id for effect in model.model.effects)])
         say(f"{file}: {name}, after {counted(len(rungs), 'change')} on record")
         if rungs:
-            head, rows = views.table(rungs)
-            say("\n".join(["", *aligned([head, *rows]), "", *views.remarks(rungs)]))
+            head, rows = change_text.ladder(rungs)
+            say("\n".join(["", *aligned([head, *rows]), "", *change_text.remarks(rungs)]))
     if plot:
         from terrain_cli.views import plots
 
-        written = plots.write_ladder(rungs, plot)
+        written = plots.write(rungs, plot)
         if not quiet:
             said = (
                 f"{len(written)} pictures in {plot}" if written else "no step was tried on data: no picture"
@@ -233,7 +230,6 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     required=True,
     type=paths.EFFECT,
     metavar="EFFECT…",
-    shell_complete=suggestions.effects,
 )
 @model_changes.with_options
 @click.pass_context
@@ -244,23 +240,12 @@ def remove(context: click.Context, /, **_: Any) -> None:
     that were not fitted. It is removed whatever comes out, as you have asked for it; if the held-out
     error rises, this is said, and `terrain-est model add` brings it back. FILE remembers either.
     """
-    from terrain_cli.improvement import model_history
-    from terrain_cli.presentation import change_text
-
-    before, changed = model_changes.change(context, "remove")
-    if not context.params["inputs"]:
-        model_changes.untested(context, "remove", changed)
-        return
-    step = replace(model_changes.tried(context, "remove", before, changed), kept=True)
-    because = f"asked for; {change_text.found(step)}"
-    model_changes.write(context.params["file"], changed.file, model_history.entry(step, because))
-    asked = comparison_options.repeated(context, context.params["file"])
-    model_changes.tell(context, change_text.text(step, asked), change_text.document(step, asked))
+    model_changes.change(context, "remove")
 
 
 @click.group(
     "model",
-    cls=Group,
+    cls=options.Group,
     context_settings=options.CONTEXT,
     epilog="""\b
 Examples:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import Progress, as_json, say
 from terrain_cli.vocabulary.choices import BASES
@@ -71,14 +71,32 @@ def load(path: str) -> ModelFile:
     return models.load(path) if Path(path).exists() else models.resolve(path)
 
 
-def change(context: click.Context, action: Action) -> tuple[ModelFile, Changed]:
+def change(context: click.Context, action: Action) -> None:
+    """Change a model file as asked: tried on data where there are some, and then kept if it is worth it."""
     from terrain_cli import models
+    from terrain_cli.improvement import model_history
+    from terrain_cli.presentation import change_text
 
     given = context.params
     before = load(given["file"])
     names = models.named_from(given["effects"], Path(given["file"]).parent)
     modulus = _shear_modulus(context) if models.ASSUMPTIONS.keys() & set(names) else 0.0
-    return before, (models.added if action == "add" else models.removed)(before, names, modulus)
+    changed = (models.added if action == "add" else models.removed)(before, names, modulus)
+    if not given["inputs"]:
+        entry = model_history.untested(action, changed.ids, changed.file)
+        sentence = change_text.untested_sentence(action, changed.ids)
+        _write(given["file"], changed.file, entry)
+        _tell(context, sentence, change_text.untested(entry, sentence))
+        return
+    step = _tried(context, action, before, changed, given["inputs"])
+    if given.get("confirm") and step.pays:
+        step = replace(step, confirmation=_tried(context, action, before, changed, given["confirm"]))
+    asked_for = action == "remove" or given["keep"]
+    step = replace(step, kept=(step.pays and step.confirmed) or asked_for)
+    if step.kept:
+        _write(given["file"], changed.file, model_history.entry(step, change_text.reason(step)))
+    asked = comparison_options.repeated(context, given["file"])
+    _tell(context, change_text.text(step, asked), change_text.document(step, asked))
 
 
 def _shear_modulus(context: click.Context) -> float:
@@ -90,19 +108,14 @@ def _shear_modulus(context: click.Context) -> float:
     return options.load_rover(given["rover"], paths).soil_shear_modulus()
 
 
-def tried(
-    context: click.Context,
-    action: Action,
-    before: ModelFile,
-    changed: Changed,
-    inputs: Sequence[str] | None = None,
+def _tried(
+    context: click.Context, action: Action, before: ModelFile, changed: Changed, inputs: Sequence[str]
 ) -> Step:
-    """Try a change on the data of the command line, or on other inputs; it is not kept."""
+    """Try a change on data; it is not kept."""
     from terrain_cli import improvement
 
     given = context.params
-    number = len(given["inputs"] if inputs is None else inputs)
-    with Progress(number + 1, enabled=not given["quiet"]) as progress:
+    with Progress(len(inputs) + 1, enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, [before, changed.file], progress, inputs)
         return improvement.tried(
             cut,
@@ -111,21 +124,11 @@ def tried(
             before,
             changed.file,
             seed=given["seed"],
-            progress=lambda step: progress.say(given["file"], step),
+            progress=partial(progress.say, given["file"]),
         )
 
 
-def untested(context: click.Context, action: Action, changed: Changed) -> None:
-    from terrain_cli.improvement import model_history
-    from terrain_cli.presentation import change_text
-
-    entry = model_history.untested(action, changed.ids, changed.file)
-    sentence = change_text.untested_sentence(action, changed.ids)
-    write(context.params["file"], changed.file, entry)
-    tell(context, sentence, change_text.untested(entry, sentence))
-
-
-def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
+def _tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
     """Write what came out, for a person or as JSON."""
     file = context.params["file"]
     if context.params["as_json"]:
@@ -134,7 +137,7 @@ def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
         say(f"{file}: {text}")
 
 
-def write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
+def _write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
     """Write a model file with further entries of its history, whole or not at all."""
     from terrain_cli import models
 
@@ -156,9 +159,7 @@ def write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
     short_help="Add an effect, if it makes the held-out error fall.",
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
-@click.argument(
-    "effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]", shell_complete=suggestions.effects
-)
+@click.argument("effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]")
 @options.value(
     "--confirm INPUT",
     paths.INPUT,
@@ -214,7 +215,7 @@ def add(context: click.Context, /, **_: Any) -> None:
         )
     if given["draft"]:
         raise UsageError("--draft is for --until-quiet", hint="a draft is added by its file name")
-    _add(context)
+    change(context, "add")
 
 
 def _check_confirm(given: Mapping[str, Any]) -> None:
@@ -236,26 +237,6 @@ def _check_confirm(given: Mapping[str, Any]) -> None:
     for path in formats.expand(given["confirm"]):
         if Path(path).resolve() in data:
             raise UsageError(f"--confirm {path} is also an input of --data", hint="name another drive")
-
-
-def _add(context: click.Context) -> None:
-    from terrain_cli.improvement import model_history
-    from terrain_cli.presentation import change_text
-
-    given = context.params
-    before, changed = change(context, "add")
-    if not given["inputs"]:
-        untested(context, "add", changed)
-        return
-    step = tried(context, "add", before, changed)
-    if given["confirm"] and step.pays:
-        step = replace(step, confirmation=tried(context, "add", before, changed, given["confirm"]))
-    step = replace(step, kept=(step.pays and step.confirmed) or given["keep"])
-    if step.kept:
-        entry = model_history.entry(step, change_text.reason(step))
-        write(given["file"], changed.file, entry)
-    asked = comparison_options.repeated(context, given["file"])
-    tell(context, change_text.text(step, asked), change_text.document(step, asked))
 
 
 def _until_quiet(context: click.Context) -> None:
@@ -286,11 +267,11 @@ def _until_quiet(context: click.Context) -> None:
             for step in kept
             for doubt in [f"; {change_text.doubt(step)}" if step.rivals else ""]
         ]
-        write(given["file"], end.file, *entries)
+        _write(given["file"], end.file, *entries)
     if steps and not given["as_json"]:
         say()
     asked = comparison_options.repeated(context, given["file"])
-    tell(context, change_text.loop_text(steps, end, asked), change_text.loop(steps, end, asked))
+    _tell(context, change_text.loop_text(steps, end, asked), change_text.loop(steps, end, asked))
 
 
 def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | Stopped]:

@@ -53,15 +53,6 @@ def logs_of(name: str) -> list[str]:
         return []
 
 
-def effects_of(name: str) -> Iterator[str]:
-    """Yield the effect files that a model, or a drive, names."""
-    from terrain_cli import models
-
-    for effect in content(name).get("effects") or ():
-        if isinstance(effect, str) and models.is_path(effect):
-            yield str(Path(name).parent / effect)
-
-
 def content(name: str) -> Mapping[str, Any]:
     """Return what a file says in TOML, nothing where it is wrong: whoever reads it will tell."""
     from terrain_cli.vocabulary import toml_files

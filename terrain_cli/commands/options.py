@@ -10,9 +10,10 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
-from terrain_cli.commands import paths, suggestions
-from terrain_cli.errors import UsageError
+from terrain_cli.commands import paths
+from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.run.settings import Settings
 from terrain_cli.vocabulary.choices import (
     CUT_SAMPLES,
@@ -24,7 +25,7 @@ from terrain_cli.vocabulary.choices import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from terrain_cli.rover import Rover
 
@@ -74,6 +75,40 @@ class Duration(click.ParamType):  # type: ignore[type-arg]
 JOBS = click.IntRange(1, 10_000)
 
 
+class Group(click.Group):
+    """Verbs, of which the nearest is named where there is none of the name given."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a verb, or name the nearest; a shell that asks what may follow is told nothing."""
+        verbs = self.list_commands(ctx)
+        if args and args[0] not in verbs and not args[0].startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(f"no such command: {args[0]}{nearest(args[0], verbs)}")
+        return super().resolve_command(ctx, args)
+
+
+def suggested(
+    known: Callable[[click.Context], Iterable[str]],
+) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Let a shell suggest names that can be told at once, without reading a log."""
+
+    def complete(context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
+        return [CompletionItem(name) for name in known(context) if name.startswith(begun)]
+
+    return complete
+
+
+def _wheels(context: click.Context) -> Iterable[str]:
+    # An option without its value ends the reading of the line, and the inputs are then only words.
+    inputs = context.params.get("inputs") or context.args
+    try:
+        return load_rover(context.params.get("rover"), inputs).wheels
+    except ConfigurationError:
+        # The command itself will say what is wrong with it.
+        return ()
+
+
 def _bound_copies(_context: click.Context, _option: click.Parameter, gigabytes: float | None) -> None:
     """Note in the environment what may be copied, where second processes find it too."""
     if gigabytes is not None:
@@ -118,7 +153,6 @@ model = value(
     "--model FILE|linear|wong-reece",
     paths.MODEL,
     "Model of wheel and soil: a base, or a model file that adds effects to one.  [wong-reece]",
-    shell_complete=suggestions.models,
 )
 wheel = click.option(
     "--wheel",
@@ -126,7 +160,7 @@ wheel = click.option(
     multiple=True,
     envvar="TERRAIN_EST_WHEEL",
     metavar="NAME",
-    shell_complete=suggestions.wheels,
+    shell_complete=suggested(_wheels),
     help="Only the wheel of exactly this name (repeatable).",
 )
 segments = click.option(
@@ -228,15 +262,11 @@ estimation = together(
 
 def settings(given: Mapping[str, Any]) -> Settings:
     """Return what `estimation` was given, checked as far as it can be before any input is read."""
-    import formats
     from terrain_cli.estimation import estimators
+    from terrain_cli.presentation import segment_files
     from terrain_cli.windows import locations as tables
 
-    if given["crs"]:
-        try:
-            formats.check_crs(given["crs"])
-        except formats.FormatError as error:
-            raise UsageError(f"--crs {error}", hint=error.hint) from None
+    segment_files.check(None, None, given["crs"])
     lengths = ("min_samples", "window_samples", "window_distance")
     others = ("method", "segments", "folds", "where", "model", "robust", "at_stress", "salvage")
     chosen = Settings(

@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
 from terrain_cli.commands import named_files
-from terrain_cli.commands.named_files import Sign, content, effects_of, identity, logs_of, resolved, text
+from terrain_cli.commands.named_files import Sign, content, identity, logs_of, resolved, text
 from terrain_cli.errors import UsageError
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Sequence
+    from collections.abc import Hashable, Iterable, Iterator, Sequence
 
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
@@ -42,9 +44,19 @@ class Named(click.Path):
     def __init__(self) -> None:
         super().__init__(readable=False, allow_dash=True)
 
-    def reads(self, name: str) -> Iterator[Read]:  # noqa: ARG002 - some names stand for nothing that is read
-        """Yield the files that are read because of a name."""
-        yield from ()
+    def known(self) -> Iterable[str]:
+        """Return names that stand for no file."""
+        return ()
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+        # bash forgets what comes before a file.
+        return super().shell_complete(ctx, param, incomplete) + [
+            CompletionItem(name) for name in self.known() if name.startswith(incomplete)
+        ]
+
+    def reads(self, name: str) -> Iterable[Read]:  # noqa: ARG002 - some names stand for nothing that is read
+        """Return the files that are read because of a name."""
+        return ()
 
 
 class Reads(Named):
@@ -62,11 +74,9 @@ class _Logs(Reads):
     """Logs, or a table that is read as one: files, folders and patterns."""
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield every file of the logs; none where the name is wrong, which is told when it is opened."""
         from formats.source import parts
 
-        for log in logs_of(name):
-            yield from (Read(self.what, part) for part in parts(log))
+        return (Read(self.what, part) for log in logs_of(name) for part in parts(log))
 
 
 class _Effect(Reads):
@@ -74,6 +84,11 @@ class _Effect(Reads):
 
     # In the environment a space stands between two: there may be a colon in one.
     envvar_list_splitter = None  # type: ignore[assignment]
+
+    def known(self) -> Iterable[str]:
+        from terrain_cli.effects import NAMES
+
+        return NAMES
 
     def reads(self, name: str) -> Iterator[Read]:
         from terrain_cli import models
@@ -85,11 +100,13 @@ class _Effect(Reads):
 class _Model(Reads):
     """A base, or a model file and the effect files that it names."""
 
+    def known(self) -> Iterable[str]:
+        return BASES
+
     def reads(self, name: str) -> Iterator[Read]:
-        if name in BASES:
-            return
-        yield Read(self.what, name)
-        yield from _effects(name)
+        if name not in BASES:
+            yield Read(self.what, name)
+            yield from _effects(name)
 
 
 class _Drive(Reads):
@@ -99,8 +116,8 @@ class _Drive(Reads):
         yield Read(self.what, name)
         yield from _effects(name)
         model = content(name).get("model")
-        if isinstance(model, str) and model not in BASES:
-            yield from MODEL.reads(str(Path(name).parent / model))
+        if isinstance(model, str):
+            yield from MODEL.reads(model if model in BASES else str(Path(name).parent / model))
 
 
 class Writes(Named):
@@ -117,9 +134,8 @@ class Writes(Named):
         super().__init__()
         self.sign, self.result, self.layer, self.changed = sign, result, layer, changed
 
-    def reads(self, name: str) -> Iterator[Read]:
-        if self.changed:
-            yield from _effects(name)
+    def reads(self, name: str) -> Iterable[Read]:
+        return _effects(name) if self.changed else ()
 
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the files that are there no more, or are others, once it is written."""
@@ -133,10 +149,6 @@ class Writes(Named):
 
     def holds(self, name: str, file: str) -> bool:  # noqa: ARG002 - a file holds no other
         """Tell whether another file has a name that may be written."""
-        return False
-
-    def skips(self, name: str, read: Read) -> bool:  # noqa: ARG002 - as above
-        """Tell whether what was found is not read, since this command wrote it before."""
         return False
 
 
@@ -168,8 +180,7 @@ class _Pictures(_Folder):
         return path.suffix in self._ENDINGS and identity(str(path.parent)) == identity(name)
 
     def of_others(self, name: str) -> Iterator[str]:
-        """Yield the pictures of others that have a name of one that is drawn."""
-        yield from named_files.pictures_of_others(name)
+        return named_files.pictures_of_others(name)
 
 
 class _Batch(_Folder):
@@ -187,13 +198,7 @@ class _Batch(_Folder):
         return belongs(resolved(name), file)
 
     def of_others(self, name: str) -> Iterator[str]:
-        yield from named_files.files_of_others(name)
-
-    def skips(self, name: str, read: Read) -> bool:
-        """Tell whether an input is a result of an earlier run into the folder."""
-        from terrain_cli.batch.batch_folder import is_batch
-
-        return read.what == INPUT.what and is_batch(name) and self.holds(name, read.path)
+        return named_files.files_of_others(name)
 
 
 class _Write(NamedTuple):
@@ -276,9 +281,8 @@ def check(context: click.Context) -> None:
         _check_reads(write, reads)
         if not write.standard and not write.kind.changed:
             _check_folders(write, several)
-    for number, second in enumerate(writes):
-        for first in writes[:number]:
-            _check_pair(first, second)
+    for first, second in combinations(writes, 2):
+        _check_pair(first, second)
 
 
 def check_others(context: click.Context) -> None:
@@ -335,7 +339,7 @@ def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
     replaced, kind = write.identities, write.kind
     for read, known in reads:
         onto = known in replaced or kind.holds(write.path, read.path)
-        if onto and not kind.skips(write.path, read):
+        if onto and not (read.what == INPUT.what and _skips(write, read.path)):
             raise UsageError(
                 f"{write} would be written onto {read}",
                 hint="a command never writes onto what it reads: name another file",
@@ -352,8 +356,7 @@ def _check_folders(write: _Write, names: Sequence[str]) -> None:
         logs = logs_of(name)
         for log in filter(os.path.isdir, logs):
             folders = {log, *map(os.path.dirname, parts(log))}
-            within = not above.isdisjoint(map(identity, folders))
-            if within and not write.kind.skips(write.path, Read(INPUT.what, log)):
+            if not above.isdisjoint(map(identity, folders)) and not _skips(write, log):
                 raise UsageError(
                     f"{write} lies in {text(log)}, a folder that is one log",
                     hint="nothing is written into a log: name a place outside",
@@ -363,6 +366,13 @@ def _check_folders(write: _Write, names: Sequence[str]) -> None:
                 f"{write} would be read as an input in the next run: {text(name)} includes it",
                 hint="name a file in another folder",
             )
+
+
+def _skips(write: _Write, file: str) -> bool:
+    """Tell whether an input is not read, as it is a result of an earlier run into the folder of a batch."""
+    from terrain_cli.batch.batch_folder import is_batch
+
+    return isinstance(write.kind, _Batch) and is_batch(write.path) and write.kind.holds(write.path, file)
 
 
 def _check_pair(first: _Write, second: _Write) -> None:
@@ -382,4 +392,9 @@ def _check_pair(first: _Write, second: _Write) -> None:
 
 
 def _effects(name: str) -> Iterator[Read]:
-    yield from (Read(EFFECT.what, file) for file in effects_of(name))
+    """Yield the effect files that a model, or a drive, names."""
+    from terrain_cli import models
+
+    for effect in content(name).get("effects") or ():
+        if isinstance(effect, str) and models.is_path(effect):
+            yield Read(EFFECT.what, str(Path(name).parent / effect))

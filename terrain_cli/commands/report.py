@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.presentation.terminal import Progress
 
 
@@ -26,7 +26,6 @@ from terrain_cli.presentation.terminal import Progress
     "--model FILE|linear|wong-reece",
     paths.MODEL,
     "Model of wheel and soil: a base, or a model file that adds effects to one.",
-    shell_complete=suggestions.models,
     default="wong-reece",
     show_default=True,
 )
@@ -51,9 +50,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     further effects. The page needs no network and no other file; it prints. It takes the extra
     "report"; where that is missing, the command says how to add it.
     """
-    from terrain_cli.views import chart_style
-
-    chart_style.need("report")
     from terrain_cli import models
     from terrain_cli.improvement import compared
     from terrain_cli.improvement.model_alternatives import alternatives

@@ -8,16 +8,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths, suggestions
+from terrain_cli.commands import options, paths
 from terrain_cli.errors import ConfigurationError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from terrain_cli.simulation import SimulatedLog
 
 _EFFECT = re.compile(r"(?P<name>.+?)(?::(?P<values>[^:/\\]*=[^:/\\]*))?")
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
+
+
+def _soils(_: click.Context) -> Iterable[str]:
+    from terrain_cli.simulation.scenario import SOILS
+
+    return SOILS
+
+
+def _drives(_: click.Context) -> Iterable[str]:
+    from terrain_cli.simulation.drive_file import PRESETS
+
+    return PRESETS
 
 
 @options.verb(
@@ -43,7 +55,7 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
     "--drive",
     multiple=True,
     metavar="NAME",
-    shell_complete=suggestions.drives,
+    shell_complete=options.suggested(_drives),
     help="How to drive (repeatable, one after another): slip-sweep, load-steps, slope, mixed, passes, "
     "reverse, speed-steps, turns, multi.  [mixed]",
 )
@@ -51,7 +63,7 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
     "--soil",
     multiple=True,
     metavar="NAME",
-    shell_complete=suggestions.soils,
+    shell_complete=options.suggested(_soils),
     help="Soil (repeatable, one after another over equal distances): dry-sand, sandy-loam, clayey-soil, "
     "snow … or [soils.NAME] of the file.  [dry-sand]",
 )
@@ -73,7 +85,6 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
     "--model MODEL",
     paths.MODEL,
     "Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
-    shell_complete=suggestions.models,
 )
 @options.value(
     "--effect EFFECT",
@@ -81,7 +92,6 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
     "Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. A parameter that is not "
     "given has its typical size.",
     multiple=True,
-    shell_complete=suggestions.effects,
 )
 @click.option(
     "--hide",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from terrain_cli.vocabulary.criterion import criterion
+from terrain_cli.vocabulary.choices import criterion
 
 """How many blocks are enough?
 An alarm and a change of a model need fewer, without evidence; each has a second condition."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from terrain_cli.vocabulary.criterion import criterion
+from terrain_cli.vocabulary.choices import criterion
 
 """How many blocks are enough?"""
 BLOCKS_OF_ALARM = criterion(5, "blocks needed to raise an alarm")

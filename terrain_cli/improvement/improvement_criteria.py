@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from terrain_cli.vocabulary.criterion import criterion
+from terrain_cli.vocabulary.choices import criterion
 
 """How many blocks are enough?"""
 BLOCKS_OF_CHANGE = criterion(3, "blocks needed to test a change of a model")

@@ -1,4 +1,4 @@
-"""A change of a model in a sentence, as tables for a person, and as JSON."""
+"""A change of a model in a sentence, as tables for a person, and as JSON; all changes as a table."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         Step,
         Stopped,
     )
+    from terrain_cli.improvement.model_history import Rung
 
 FORMAT = "terrain-est/model-change/1"
 LOOP_FORMAT = "terrain-est/model-loop/1"
@@ -135,7 +136,9 @@ def proof(step: Step, ask: str = "--confirm LOG or --keep-aside SHARE") -> str:
 
 
 def reason(step: Step) -> str:
-    """Say why an effect is added, for the history of the model."""
+    """Say why a change is made, for the history of the model."""
+    if step.action == "remove":
+        return f"asked for; {found(step)}"
     proof = step.confirmation
     if proof is None:
         return found(step) if step.pays else f"--keep; {found(step)}"
@@ -316,6 +319,7 @@ def _errors(step: Step) -> list[str]:
 
 
 def _cells(interval: Interval, factor: float) -> tuple[str, str]:
+    """Write a value and its interval, in the unit that a factor leads to."""
     value, low, high = (quantities.number(v * factor) for v in interval)
     return value, f"{low} … {high}" if math.isfinite(interval.low) else "–"
 
@@ -365,3 +369,29 @@ def _idle(step: Step) -> Iterator[str]:
     for one in step.idle if step.kept else ():
         ask = "`terrain-est model remove` tells whether it still pays"
         yield f"{one.effect} is no longer significant (p {one.p_value:.2g}): {ask}"
+
+
+def ladder(rungs: Sequence[Rung]) -> tuple[list[str], list[list[str]]]:
+    """Return heading and rows of all changes of a model: a row for each channel of each change."""
+    head = ["step", "change", "held-out rms error", "before", "95 %", "after", "95 %", "noise"]
+    rows = []
+    for rung in rungs:
+        first = [str(rung.number), rung.label]
+        if not rung.channels:
+            rows.append([*first, *[""] * 6])
+        for one in rung.channels:
+            what = quantities.quantity(one.name, one.unit)
+            errors = (*_cells(one.before, what.factor), *_cells(one.after, what.factor))
+            rows.append([*first, what.label, *errors, quantities.number(one.noise * what.factor)])
+            first = ["", ""]
+    return head, rows
+
+
+def remarks(rungs: Sequence[Rung]) -> list[str]:
+    """Return a line for each change: on what it was tried and judged, and why it was made."""
+    return [
+        f"{rung.number}  {rung.label}: {'; '.join(filter(None, told))}"
+        for rung in rungs
+        for told in [[rung.data or "not tested", rung.proof, rung.because]]
+        if rung.action
+    ]

@@ -199,11 +199,11 @@ def text(
     asked: Sequence[Asked] = (),
 ) -> str:
     """Write a comparison for a person, as `document` does for a program."""
-    first_asked, second_asked = asked[:2] if len(asked) > 1 else (asked[0] if asked else None, None)
-    if second is None:
-        return _text_of_one(comparison, first_asked)
-    both = _text_of_two(comparison, second, differences)
-    return "\n\n".join([_text_of_one(comparison, first_asked), _text_of_one(second, second_asked), both])
+    of_first, of_second = (*asked, None, None)[:2]
+    parts = [_text_of_one(comparison, of_first)]
+    if second is not None:
+        parts += [_text_of_one(second, of_second), _text_of_two(comparison, second, differences)]
+    return "\n\n".join(parts)
 
 
 def _text_of_one(comparison: Comparison, asked: Asked | None) -> str:

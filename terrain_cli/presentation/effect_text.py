@@ -42,13 +42,10 @@ def document(effect: Effect) -> dict[str, Any]:
 
 
 def _parameter(parameter: Parameter) -> dict[str, Any]:
-    numbers = {
-        name: _in_unit(getattr(parameter, name), parameter) for name in ("null", "scale", "lower", "upper")
-    }
     return {
         "name": parameter.name,
         "unit": parameter.unit,
-        **numbers,
+        **_numbers(parameter),
         "meaning": parameter.meaning,
         "shape": parameter.shape,
         "needs": list(parameter.needs),
@@ -56,9 +53,13 @@ def _parameter(parameter: Parameter) -> dict[str, Any]:
     }
 
 
-def _in_unit(value: float, parameter: Parameter) -> float | None:
-    """Return a value in the parameter's unit as it was written there; None for no bound."""
-    return float(f"{value / parameter.factor:.12g}") if math.isfinite(value) else None
+def _numbers(parameter: Parameter) -> dict[str, float | None]:
+    """Return the values of a parameter in its unit as they were written there; None for no bound."""
+    values = {name: getattr(parameter, name) for name in ("null", "scale", "lower", "upper")}
+    return {
+        name: float(f"{value / parameter.factor:.12g}") if math.isfinite(value) else None
+        for name, value in values.items()
+    }
 
 
 def checked(file: str, understood: Understood) -> dict[str, Any]:
@@ -149,13 +150,7 @@ def _parameters(effect: Effect) -> list[str]:
     header = ("parameter", "unit", "null", "scale", "lower", "upper", "meaning")
     rows = []
     for parameter in effect.parameters:
-        numbers = [
-            "" if number is None else f"{number:.6g}"
-            for number in (
-                _in_unit(value, parameter)
-                for value in (parameter.null, parameter.scale, parameter.lower, parameter.upper)
-            )
-        ]
+        numbers = ["" if n is None else f"{n:.6g}" for n in _numbers(parameter).values()]
         remarks = [
             parameter.meaning,
             "shapes the others' influence" * parameter.shape,

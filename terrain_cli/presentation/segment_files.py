@@ -33,19 +33,12 @@ STYLES = {
 _MCAP = ".mcap"
 
 
-def write_topics(table: Table, destination: str, crs: str | None = None) -> None:
-    """Write segments as MCAP, whole or not at all; InputError if one has no time, or is before 1970."""
-    from formats.output.bag_writer import write_bag
-
-    write_bag(topics(table, crs), destination, "mcap")
-
-
 def topics(table: Table, crs: str | None = None, before: Iterable[str] = ()) -> list[Topic]:
     """Turn segments into messages: two for each, at its start and at its end, so that plots show steps.
 
     Each wheel has a topic ``/terrain/<wheel>/estimate``, and ``/terrain/<wheel>/fix`` where longitude and
     latitude are known; `crs` is the frame of the fixes. Fields are the columns in lower case, as ROS 2 wants
-    them. Wheels that came `before` keep their names.
+    them. Wheels that came `before` keep their names. InputError if a segment has no time, or is before 1970.
     """
     from formats.output.bag_writer import Topic
     from formats.output.common_forms import normalise
@@ -164,7 +157,9 @@ def write(
     if output is None:
         return
     if result_kind(output) == "mcap":
-        write_topics(table, output, crs)
+        from formats.output.bag_writer import write_bag
+
+        write_bag(topics(table, crs), output, "mcap")
         return
     layers = {"samples": samples[0]} if samples and both else None
     formats.write_table(table, output, crs=crs, layers=layers, graduated=STYLES)

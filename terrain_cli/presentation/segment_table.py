@@ -11,7 +11,7 @@ import numpy as np
 from terrain_cli.estimation import WindowEstimates, assumed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Sequence, Sized
 
     from numpy.typing import NDArray
 
@@ -48,9 +48,11 @@ _SAMPLE_COLUMNS = {
 VERTICES = 64
 #: Rows of c and φ, and rows of two parameters.
 GRID, PARAMETER = "grid", "parameter"
-_NUMBERS_OF_GRID = ("c_kPa", "phi_deg", "pivot_kPa", "strength_kPa", "log_posterior", "probability")
+_POSTERIOR = (
+    *("c_kPa", "phi_deg", "pivot_kPa", "strength_kPa", "log_posterior", "probability"),
+    *("parameter", "unit", "value", "se", "prior", "prior_sd", "other", "covariance", "correlation"),
+)
 _POSTERIOR_TEXTS = ("parameter", "unit", "other")
-_NUMBERS = ("value", "se", "prior", "prior_sd", "covariance", "correlation")
 
 
 def table(windows: Windows, estimates: WindowEstimates) -> Table:
@@ -204,7 +206,7 @@ def join(tables: Sequence[Table]) -> Table:
     }
 
 
-def _placed(samples: Samples, rows: Index) -> Table:
+def _placed(samples: Samples, rows: Sized) -> Table:
     return {"source": [samples.source] * len(rows), "wheel": [samples.wheel] * len(rows)}
 
 
@@ -271,38 +273,26 @@ def posterior_table(windows: Windows, estimates: WindowEstimates, joint: Sequenc
 
     `log_posterior` is 0 where it is greatest, `probability` that of the cell; NaN or "" where a row has none.
     """
-    parts = [_rows(one) for one in joint]
-    length = [len(part["kind"]) for part in parts]
-    repeated = list(zip(joint, length, strict=True))
-    along: Table = {
-        "source": [windows.samples.source] * sum(length),
-        "wheel": [windows.samples.wheel] * sum(length),
-        "segment": np.repeat([one.window + 1 for one in joint], length).astype(np.intp),
-        "method": [str(estimates.method[one.window]) for one, n in repeated for _ in range(n)],
-        "status": [str(estimates.status[one.window]) for one, n in repeated for _ in range(n)],
-    }
-    texts = {name: [text for part in parts for text in part[name]] for name in ("kind", *_POSTERIOR_TEXTS)}
-    numbers = {
-        name: np.concatenate([np.zeros(0), *(part[name] for part in parts)])
-        for name in (*_NUMBERS_OF_GRID, *_NUMBERS)
-    }
-    names = ("kind", *along, *_NUMBERS_OF_GRID, "parameter", "unit", *_NUMBERS[:4], "other", *_NUMBERS[4:])
-    every = along | texts | numbers
-    return {name: every[name] for name in names}
 
+    def rows(kind: str, window: int, columns: Table) -> Table:
+        n = len(next(iter(columns.values()), ()))
+        return {
+            "kind": [kind] * n,
+            **_placed(windows.samples, range(n)),
+            "segment": np.full(n, window + 1),
+            "method": [str(estimates.method[window]) for _ in range(n)],
+            "status": [str(estimates.status[window]) for _ in range(n)],
+            **{
+                name: columns.get(name, [""] * n if name in _POSTERIOR_TEXTS else np.full(n, np.nan))
+                for name in _POSTERIOR
+            },
+        }
 
-def _rows(one: JointPosterior) -> Table:
-    """Return the rows of one window: its grid, if it has one, then its parameters."""
-    upper, lower = _of_grid(one.grid) if one.grid else {}, _of_parameters(one)
-    a, b = len(upper.get("c_kPa", ())), len(lower["value"])
-    rows: Table = {"kind": [GRID] * a + [PARAMETER] * b}
-    for name in _POSTERIOR_TEXTS:
-        rows[name] = [""] * a + lower[name]
-    for name in (*_NUMBERS_OF_GRID, *_NUMBERS):
-        rows[name] = np.concatenate(
-            [upper.get(name, np.full(a, np.nan)), lower.get(name, np.full(b, np.nan))]
-        )
-    return rows
+    parts = [rows(GRID, 0, {})]
+    for one in joint:
+        parts += [rows(GRID, one.window, _of_grid(one.grid) if one.grid else {})]
+        parts += [rows(PARAMETER, one.window, _of_parameters(one))]
+    return join(parts)
 
 
 def _of_grid(grid: JointGrid) -> Table:

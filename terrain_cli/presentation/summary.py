@@ -11,7 +11,7 @@ from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import counted, known
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
@@ -135,7 +135,7 @@ def _addition(name: str, table: Table) -> str:
     if name not in {"not-separable", "prior-bound"}:
         return ""
     rows = np.array([status == name for status in table["status"]], dtype=bool)
-    strength, error = (np.asarray(table[column], dtype=float)[rows] for column in _MAPPED[:2])
+    strength, error = (np.asarray(table[column], dtype=float)[rows] for column in _MAPPED)
     known = error <= _KNOWN * strength
     if known.all():
         return "; the strength holds"
@@ -170,53 +170,44 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
 
 
 def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [
-        ("terrain", "wheel", "windows", "separable", "samples", "distance", *_ESTIMATES)
-    ]
-    for entry in entries:
-        pooled = entry["pooled"]
-        rows.append(
+    return [
+        ("terrain", "wheel", "windows", "separable", "samples", "distance", *_HEADS),
+        *(
             (
                 entry["terrain"] or "–",
                 entry["wheel"],
-                str(entry["segments"]),
-                str(entry["separable"]),
-                str(entry["samples"]),
+                *(str(entry[name]) for name in ("segments", "separable", "samples")),
                 _metres(entry["distance_m"]),
-                _plus_minus(pooled["c_kPa"], pooled["c_se_kPa"], 2),
-                _plus_minus(pooled["phi_deg"], pooled["phi_se_deg"], 1),
-                _strength(*(pooled[name] for name in _MAPPED)),
+                *_estimates(entry["pooled"]),
             )
-        )
-    return rows
+            for entry in entries
+        ),
+    ]
 
 
 def _segment_rows(table: Table) -> list[tuple[str, ...]]:
     several = len(set(table["source"])) > 1
-    header = ("wheel", "segment", "samples", "distance", "status", *_ESTIMATES)
+    header = ("wheel", "segment", "samples", "distance", "status", *_HEADS)
     rows: list[tuple[str, ...]] = [("source", *header) if several else header]
     for j in range(min(len(table["wheel"]), LISTED)):
         row = {name: values[j] for name, values in table.items()}
-        rows.append(
-            (
-                *([row["source"]] if several else []),
-                row["wheel"],
-                str(row["segment"]),
-                str(row["n_samples"]),
-                _metres(known(row["distance_m"])),
-                row["status"],
-                _plus_minus(known(row["c_kPa"]), known(row["c_se_kPa"]), 2),
-                _plus_minus(known(row["phi_deg"]), known(row["phi_se_deg"]), 1),
-                _strength(*(known(row[name]) for name in _MAPPED)),
-            )
+        cells = (
+            row["wheel"],
+            str(row["segment"]),
+            str(row["n_samples"]),
+            _metres(known(row["distance_m"])),
+            row["status"],
+            *_estimates({name: known(row[name]) for name in _SHOWN}),
         )
+        rows.append((row["source"], *cells) if several else cells)
     return rows
 
 
 #: Segments listed for a person at the most; the table has them all.
 LISTED = 40
-_ESTIMATES = ("c [kPa]", "φ [°]", "strength [kPa]")
-_MAPPED = ("strength_at_stress_kPa", "strength_at_stress_se_kPa", "stress_kPa")
+_HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")
+_MAPPED = ("strength_at_stress_kPa", "strength_at_stress_se_kPa")
+_SHOWN = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", *_MAPPED, "stress_kPa")
 #: Error of a strength, as a share of it, up to which it is known.
 _KNOWN = 0.5
 MEANINGS = {
@@ -240,6 +231,7 @@ def _metres(distance: float | None) -> str:
     return "–" if distance is None else f"{distance:.2f} m"
 
 
-def _strength(strength: float | None, error: float | None, stress: float | None) -> str:
-    shown = _plus_minus(strength, error, 2)
-    return shown if stress is None else f"{shown} at {stress:.4g} kPa"
+def _estimates(found: Mapping[str, float | None]) -> tuple[str, str, str]:
+    c, c_se, phi, phi_se, strength, error, stress = (found[name] for name in _SHOWN)
+    at = "" if stress is None else f" at {stress:.4g} kPa"
+    return _plus_minus(c, c_se, 2), _plus_minus(phi, phi_se, 1), _plus_minus(strength, error, 2) + at

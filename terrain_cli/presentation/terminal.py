@@ -70,6 +70,13 @@ def say(text: str = "") -> None:
     click.echo(escaped(text))
 
 
+def complain(message: str, hint: str) -> None:
+    """Say on the standard error what went wrong in one line, and what to do in the next."""
+    click.echo(f"terrain-est: {in_line(message)}", err=True)
+    if hint:
+        click.echo(f"  {hint}".replace("\n", "\n  "), err=True)
+
+
 class Screen(io.TextIOWrapper):
     """The standard error: what is written to it is for people, and lost where nobody can read it."""
 

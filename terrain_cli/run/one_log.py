@@ -109,11 +109,7 @@ def run(
             outcome.posterior.append(segment_table.posterior_table(cut, fitted.estimates, fitted.joint))
         if settings.samples:
             outcome.samples.append(segment_table.samples(cut))
-    if tables:
-        outcome.table = segment_table.join(tables)
-    else:
-        outcome.error = nothing_usable(source.path, outcome.account["wheels"])
-    return outcome
+    return _finished(outcome, tables)
 
 
 def _in_reaches(
@@ -149,12 +145,16 @@ def _in_reaches(
         account=_of_source(source)
         | {"wheels": [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]},
     )
-    tables = [wheel.table for wheel in done if wheel.table is not None]
+    outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]
+    return _finished(outcome, [wheel.table for wheel in done if wheel.table is not None])
+
+
+def _finished(outcome: Outcome, tables: Sequence[segment_table.Table]) -> Outcome:
+    """Put in the rows of its wheels, or why there are none."""
     if tables:
         outcome.table = segment_table.join(tables)
-        outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]
     else:
-        outcome.error = nothing_usable(source.path, outcome.account["wheels"])
+        outcome.error = nothing_usable(outcome.account["source"], outcome.account["wheels"])
     return outcome
 
 

@@ -1,12 +1,19 @@
-"""What pictures share: colours that print and that colour-blind people tell apart, and their libraries."""
+"""What pictures share: colours that print and that the colour-blind tell apart, libraries, axes of errors."""
 
 from __future__ import annotations
 
+import math
 from importlib.util import find_spec
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from terrain_cli import version
 from terrain_cli.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.improvement.improvement_outcome import ChannelChange
+    from terrain_cli.improvement.model_history import Rung
 
 #: Okabe & Ito 2008 without its yellow, which is too faint for lines on paper.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -56,3 +63,19 @@ def need(extra: str) -> None:
             f"{what} {' and '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed",
             hint=version.command_for(extra),
         )
+
+
+def measured(ladder: Sequence[Rung], name: str) -> list[tuple[Rung, ChannelChange]]:
+    """Return the changes in which the error of a channel is known, with what it was."""
+    return [(rung, one) for rung in ladder for one in rung.channels if one.name == name]
+
+
+def top(known: Sequence[tuple[Rung, ChannelChange]]) -> float:
+    """Return where the axis of a channel's errors ends: a very wide interval would hide the values."""
+    intervals = [interval for _, one in known for interval in (one.before, one.after)]
+    values = [v.value for v in intervals if math.isfinite(v.value)] + [
+        one.noise for _, one in known if math.isfinite(one.noise)
+    ]
+    highest = max(values, default=1.0)
+    ends = [v.high for v in intervals if math.isfinite(v.high)]
+    return 1.08 * min(max([highest, *ends]), 2.0 * highest)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 import time
 import warnings
-from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from terrain_cli.errors import UsageError, nearest
 from terrain_cli.views import chart_style
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from terrain_cli.simulation import SimulatedLog
     from terrain_cli.windows.cut_windows import Windows
 
+    Drawn: TypeAlias = Comparison | Diagnosis | SimulatedLog | Sequence[Rung] | Sequence[Outcome]
     Drawing = tuple[str, Callable[[], Figure | None]]
 
 ENDINGS = (".png", ".svg")
@@ -50,31 +50,16 @@ _MOST_ROWS = 2000
 _REST = 4.0
 
 
-def write(
-    found: Comparison | Diagnosis | Sequence[Outcome],
-    folder: str | Path,
-    *,
-    progress: Callable[[str], None] = lambda _: None,
-) -> list[Path]:
+def write(found: Drawn, folder: str | Path) -> list[Path]:
     """Draw every picture that the results allow, each as PNG and SVG, in place of those of the same name."""
-    return _write(_of_outcomes(found) if isinstance(found, Sequence) else _of_result(found), folder, progress)
+    return _write(_drawings(found), folder)
 
 
-def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
-    """Draw the held-out error after each change of a model; nothing where nothing was tried on data."""
-    return _write(_of_ladder(ladder), folder, lambda _: None)
-
-
-def write_convergence(traces: Sequence[Mapping[str, Any]], folder: str | Path) -> list[Path]:
-    """Draw c and φ of each wheel against its samples, and of all segments over one another."""
-    return _write(_convergence(traces[:MOST_TRACES]), folder, lambda _: None)
-
-
-def draw(found: Comparison | Diagnosis | SimulatedLog | Sequence[Rung], name: str) -> Figure:
-    """Draw a picture of `write` or `write_ladder` by its name, or "measured" of a simulated log."""
+def draw(found: Drawn, name: str) -> Figure:
+    """Draw one of the pictures of `write` by its name."""
     names = []
     with _style():
-        for known, drawn in _of_ladder(found) if isinstance(found, Sequence) else _of_result(found):
+        for known, drawn in _drawings(found):
             figure = drawn() if known == name else None
             if figure is not None:
                 return figure
@@ -114,7 +99,7 @@ class LivePictures:
             {name: [row[name] for row in rows] for name in (*_DRAWN.values(), "before")}
             for rows in self._rows.values()
         ]
-        write_convergence(traces, self._folder)
+        _write(_convergence(traces[:MOST_TRACES]), self._folder)
         now = time.monotonic()
         self._next = now + _REST * (now - began)
 
@@ -130,18 +115,16 @@ def _style() -> Iterator[None]:
         yield
 
 
-def _write(drawings: Iterator[Drawing], folder: str | Path, progress: Callable[[str], None]) -> list[Path]:
-    chart_style.need("plot")
+def _write(drawings: Iterable[Drawing], folder: str | Path) -> list[Path]:
     folder = Path(folder)
-    with explained(str(folder)):
-        folder.mkdir(parents=True, exist_ok=True)
     written = []
     with _style():
+        with explained(str(folder)):
+            folder.mkdir(parents=True, exist_ok=True)
         for name, drawn in drawings:
             figure = drawn()
             if figure is None:
                 continue
-            progress(name)
             for ending in ENDINGS:
                 path = folder / f"{name}{ending}"
                 with formats.replacing(str(path)) as temporary:
@@ -150,29 +133,28 @@ def _write(drawings: Iterator[Drawing], folder: str | Path, progress: Callable[[
     return written
 
 
-def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Drawing]:
-    from terrain_cli.views import figures
-
-    yield "ladder", partial(figures.errors, ladder)
-
-
-def _of_result(found: Comparison | Diagnosis | SimulatedLog) -> Iterator[Drawing]:
+def _drawings(found: Drawn) -> Iterator[Drawing]:
     from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
+    from terrain_cli.run.one_log import Outcome
+    from terrain_cli.simulation import SimulatedLog
     from terrain_cli.views import figures
 
     if isinstance(found, Comparison):
         yield from _of_comparison(found)
     elif isinstance(found, Diagnosis):
         yield "candidates", partial(figures.candidates, found)
-    else:
+    elif isinstance(found, SimulatedLog):
         yield "measured", partial(figures.measured, found)
+    elif outcomes := [one for one in found if isinstance(one, Outcome)]:
+        yield from _of_outcomes(outcomes)
+    else:
+        yield "ladder", partial(figures.errors, cast("Sequence[Rung]", found))
 
 
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
     from terrain_cli.presentation import segment_table
     from terrain_cli.views import figures, shown_samples, shown_segments
-    from terrain_cli.vocabulary import quantities
 
     shown = shown_samples.channels(comparison)
     yield "predicted-measured", partial(figures.predicted_measured, comparison)
@@ -180,8 +162,7 @@ def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
         yield f"residual-{name.replace('_', '-')}", partial(figures.residuals, comparison, name)
     table = shown_segments.soil_table(comparison)
     yield "strength", partial(figures.strength, table)
-    for name in shown:
-        what = quantities.quantity(name, comparison.channels[name].unit)
+    for name, what in shown.items():
         label = f"rms misfit of {what.words}{what.in_unit}"
         misfit = shown_samples.misfit(comparison, name)
         yield f"track-{name.replace('_', '-')}", partial(figures.track, table, {label: misfit})

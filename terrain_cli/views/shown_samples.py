@@ -135,13 +135,16 @@ class Pairs(NamedTuple):
         return Pairs._make(column[chosen] for column in self)
 
 
-def channels(comparison: Comparison) -> list[str]:
-    """Return the channels compared, in the order in which they are shown."""
-    return [name for name in quantities.PREDICTED if name in comparison.channels]
+def channels(comparison: Comparison) -> dict[str, quantities.Quantity]:
+    """Return how the channels compared are shown, in their order."""
+    there = comparison.channels
+    return {
+        name: quantities.quantity(name, there[name].unit) for name in quantities.PREDICTED if name in there
+    }
 
 
 def pairs(comparison: Comparison, channel: str) -> Pairs:
-    factor = quantities.quantity(channel, comparison.channels[channel].unit).factor
+    factor = channels(comparison)[channel].factor
     parts, before = [], 0
     for index, wheel in enumerate(comparison.wheels):
         series = wheel.series.get(channel)

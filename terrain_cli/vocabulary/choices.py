@@ -1,9 +1,9 @@
-"""The choices of `terrain-est estimate` and their defaults."""
+"""The choices of `terrain-est estimate` with their defaults, and how a criterion is declared."""
 
 from __future__ import annotations
 
 import math
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 #: Estimators of the line y = c + x tan φ.
 LineMethod = Literal["auto", "least-squares", "ridge", "recursive"]
@@ -42,3 +42,11 @@ EFFECT_SCALES = 1e3
 #: A standard deviation of a prior is between these shares of the range of its parameter (judged): below the
 #: one the parameter is as good as fixed, above the other nothing is known of it.
 PRIOR_SHARES = (1e-9, 1e3)
+Number = TypeVar("Number", int, float)
+#: The evidence of a number chosen by whoever wrote it: no study tells whether another value would do better.
+JUDGED = "judged"
+
+
+def criterion(value: Number, meaning: str, evidence: str = JUDGED) -> Number:  # noqa: ARG001 - see below
+    """Declare a number that decides. What is said of it is read from the source, by man/criteria_page.py."""
+    return value

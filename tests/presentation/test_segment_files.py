@@ -48,7 +48,7 @@ def table(**columns):
 @pytest.fixture
 def path(tmp_path):
     path = tmp_path / "out.mcap"
-    segment_files.write_topics(table(), str(path), "IAU_2015:49900")
+    segment_files.write(table(), str(path), "IAU_2015:49900")
     return path
 
 
@@ -111,7 +111,7 @@ def test_fixes_are_the_ends_of_tracks_where_they_are_known(path):
 
 
 def test_positions_of_a_site_frame_are_no_fixes(tmp_path):
-    segment_files.write_topics(table(), str(tmp_path / "out.mcap"), None)
+    segment_files.write(table(), str(tmp_path / "out.mcap"), None)
     assert {topic.rpartition("/")[2] for topic in by_topic(tmp_path / "out.mcap")} == {"estimate"}
 
 
@@ -133,7 +133,7 @@ def test_the_library_of_mcap_reads_it(path):
 
 
 def test_a_clock_from_zero_stays_one(tmp_path):
-    segment_files.write_topics(
+    segment_files.write(
         table(t_start_s=np.arange(5.0), t_end_s=np.arange(5) + 0.5), str(tmp_path / "out.mcap"), None
     )
     assert by_topic(tmp_path / "out.mcap")["/terrain/front_left/estimate"][1][0] == 500_000_000
@@ -143,9 +143,9 @@ def test_segments_without_time_are_refused(tmp_path):
     start = T0 + np.arange(5.0)
     start[1:3] = math.nan
     with pytest.raises(InputError, match="2 of 5 segments have no time"):
-        segment_files.write_topics(table(t_start_s=start), str(tmp_path / "out.mcap"))
+        segment_files.write(table(t_start_s=start), str(tmp_path / "out.mcap"), None)
     with pytest.raises(InputError, match="segments begin at -1 s"):
-        segment_files.write_topics(table(t_start_s=np.arange(5.0) - 1.0), str(tmp_path / "out.mcap"))
+        segment_files.write(table(t_start_s=np.arange(5.0) - 1.0), str(tmp_path / "out.mcap"), None)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -163,5 +163,5 @@ def test_names_of_topics(wheels, names):
 
 
 def test_the_same_segments_give_the_same_bytes(path, tmp_path):
-    segment_files.write_topics(table(), str(tmp_path / "again.mcap"), "IAU_2015:49900")
+    segment_files.write(table(), str(tmp_path / "again.mcap"), "IAU_2015:49900")
     assert (tmp_path / "again.mcap").read_bytes() == path.read_bytes()

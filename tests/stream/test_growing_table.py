@@ -59,7 +59,7 @@ def test_messages_are_those_of_a_whole_bag_while_it_grows(rows, tmp_path):
         for count, row in enumerate(named, 1):
             table.add(row)
             assert len(messages(grown)) == 2 * count
-    segment_files.write_topics(joined(named), str(whole))
+    segment_files.write(joined(named), str(whole), None)
     assert sorted(messages(grown)) == sorted(messages(whole))
     with grown.open("rb") as one, whole.open("rb") as other:
         summary, expected = (make_reader(file).get_summary() for file in (one, other))

@@ -7,7 +7,8 @@ import math
 import pytest
 
 from terrain_cli.improvement.model_history import rungs
-from terrain_cli.views import figures, ladder_table, report
+from terrain_cli.presentation import change_text
+from terrain_cli.views import chart_style, figures, report
 
 ENTRY = {
     "action": "add",
@@ -28,19 +29,19 @@ ENTRY = {
 
 
 def test_lengths_are_shown_in_mm():
-    head, rows = ladder_table.table(rungs([ENTRY]))
+    head, rows = change_text.ladder(rungs([ENTRY]))
     assert len(head) == len(rows[0])
     assert rows == [
         ["1", "+ slip-sinkage", "sinkage z (mm)", "6", "5 … 900", "2", "1.5 … 2.5", "1"],
     ]
-    assert ladder_table.remarks(rungs([ENTRY])) == ["1  + slip-sinkage: 800 samples of run.csv; it pays"]
+    assert change_text.remarks(rungs([ENTRY])) == ["1  + slip-sinkage: 800 samples of run.csv; it pays"]
 
 
 def test_a_wide_interval_does_not_hide_the_values():
-    known = ladder_table.measured(rungs([ENTRY]), "sinkage")
-    assert ladder_table.top(known) == pytest.approx(1.08 * 2.0 * 0.006)
+    known = chart_style.measured(rungs([ENTRY]), "sinkage")
+    assert chart_style.top(known) == pytest.approx(1.08 * 2.0 * 0.006)
     (axes,) = figures.errors(rungs([ENTRY])).axes
-    assert axes.get_ylim() == (0.0, pytest.approx(1e3 * ladder_table.top(known)))
+    assert axes.get_ylim() == (0.0, pytest.approx(1e3 * chart_style.top(known)))
     assert axes.get_ylabel() == "sinkage (mm)"
 
 

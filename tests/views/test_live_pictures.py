@@ -26,7 +26,8 @@ def row(samples, segment=1, wheel="left"):
 
 def test_they_are_drawn_at_times_and_at_the_end(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(plots, "write_convergence", lambda *given: drawn.append(given))
+    monkeypatch.setattr(plots, "_convergence", lambda traces: traces)
+    monkeypatch.setattr(plots, "_write", lambda *given: drawn.append(given))
     pictures = LivePictures(str(tmp_path))
     pictures.draw()
     assert not drawn

@@ -21,7 +21,7 @@ from terrain_cli.diagnosis.conclusion import Asked
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import report
-from terrain_cli.views.report import Section, Table, page, soil_charts
+from terrain_cli.views.report import Section, Table, drive_charts, page
 
 HOSTILE = "<script>alert('1')</script>\"&{{ 7 * 7 }}</textarea>"
 VOID = {"meta", "link", "br"}
@@ -303,7 +303,7 @@ def test_segments_without_errors_are_drawn_along_the_drive_too():
         "name": ["1", "2"],
         "status": ["ok", "ok"],
     }
-    drawn = dict(soil_charts.of_soil(table, "0:0"))
+    drawn = dict(drive_charts.of_soil(table, "0:0"))
     assert list(drawn) == ["Strength at 10 kPa (kPa)", "Cohesion c (kPa)", "Friction angle φ (°)"]
     steady = {**table, "t_start_s": [np.nan] * 2, "t_end_s": [np.nan] * 2}
-    assert soil_charts.of_soil(steady, "0:0") == []
+    assert drive_charts.of_soil(steady, "0:0") == []

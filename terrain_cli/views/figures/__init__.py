@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from terrain_cli.views.figures.log_figures import measured
+from terrain_cli.views.figures.drive_figures import convergence, convergence_of_all, measured
 from terrain_cli.views.figures.model_figures import candidates, errors, predicted_measured, residuals
-from terrain_cli.views.figures.recursion import convergence, convergence_of_all
 from terrain_cli.views.figures.soil_figures import rim_stress, strength, track, valleys
 
 __all__ = [

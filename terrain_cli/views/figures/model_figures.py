@@ -11,9 +11,8 @@ from matplotlib.patches import Patch
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement.model_history import channels
 from terrain_cli.views import shown_samples
-from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
+from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN, measured, top
 from terrain_cli.views.figures.picture import Picture
-from terrain_cli.views.ladder_table import measured, top
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:
@@ -51,9 +50,8 @@ def predicted_measured(comparison: Comparison) -> Figure:
     wheels = [wheel.wheel for wheel in comparison.wheels]
     figure = Picture(figsize=(3.4 * len(shown), 3.9))
     grid = figure.subplots(1, len(shown), squeeze=False)[0]
-    for axes, name in zip(grid, shown, strict=True):
+    for axes, (name, what) in zip(grid, shown.items(), strict=True):
         errors = comparison.channels[name]
-        what = quantities.quantity(name, errors.unit)
         pooled = shown_samples.pairs(comparison, name)
         along = shown_samples.Along(what, pooled.predicted, ())
         names = wheels if 1 < len(wheels) <= len(_WHEELS) else ()
@@ -97,8 +95,7 @@ def _counts(axes: Axes, grid: shown_samples.Grid) -> QuadMesh:
 
 def residuals(comparison: Comparison, channel: str) -> Figure:
     """Draw the residual of a channel against its drivers, with the band of 5 to 95 % about its median."""
-    errors = comparison.channels[channel]
-    what = quantities.quantity(channel, errors.unit)
+    errors, what = comparison.channels[channel], shown_samples.channels(comparison)[channel]
     pooled = shown_samples.pairs(comparison, channel)
     shown = shown_samples.drivers(comparison, channel, pooled, MOST_DRIVERS)
     columns = min(3, max(len(shown), 1))

@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING
 import formats
 from terrain_cli.version import __version__
 from terrain_cli.views import chart_style
-from terrain_cli.views.report.page_parts import Chart, Section, Table
-from terrain_cli.views.report.written_sections import history
+
+# Before its libraries are imported: it says which extra brings them.
+chart_style.need("report")
+
+import altair as alt  # noqa: E402
+import vl_convert  # noqa: E402
+from jinja2 import Environment, StrictUndefined  # noqa: E402
+
+from terrain_cli.views.report import model_sections, sections  # noqa: E402
+from terrain_cli.views.report.model_sections import history  # noqa: E402
+from terrain_cli.views.report.page_parts import Chart, Section, Table  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -51,12 +60,8 @@ def page(
     asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
-    from jinja2 import Environment, StrictUndefined
-
-    from terrain_cli.views.report import model_section, sections
-
     shown, choices, chosen = sections.of(comparison, progress, asked)
-    by_model = model_section.section(models)
+    by_model = model_sections.section(models)
     kept = [section for section in (*shown, by_model, *further) if section]
     charts = [part for section in kept for part in section.parts if isinstance(part, Chart)]
     here = files("terrain_cli.views.report")
@@ -75,7 +80,7 @@ def page(
         sections=kept,
         choices=choices,
         chosen=chosen,
-        models=model_section.choices(models) if by_model else ([], ""),
+        models=model_sections.choices(models) if by_model else ([], ""),
         version=__version__,
     )
 
@@ -83,9 +88,6 @@ def page(
 @cache
 def _library() -> str:
     """Vega with Vega-Lite and its embedding, as one script."""
-    import altair as alt
-    import vl_convert
-
     version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
     # Without a snippet it is the whole library, which its type does not say.
     library = vl_convert.javascript_bundle(vl_version=version)  # type: ignore[call-arg]

@@ -1,12 +1,31 @@
-"""HTML elements of the page."""
+"""What the page is made of: sections, tables and charts, and the sheet on which these are drawn.
+
+A chart is a Vega-Lite specification and listens to a control of the page, `#segment` or `#model`, so that the
+keyboard reaches it and no script stands between.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any
+
+import altair as alt
+import numpy as np
+
+from terrain_cli.views.chart_style import FAINT, INK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Spec = dict[str, Any]
+
+#: Marks the chosen segment in all charts at once: told apart from the groups and from the scale.
+CHOSEN = "#AA3377"
+#: Fields that are no numbers.
+_TEXTS = frozenset({"name", "status", "label", "step", "when"})
 
 
 @dataclass(frozen=True)
@@ -56,3 +75,88 @@ class Section:
 
     def __bool__(self) -> bool:
         return bool(self.text or self.points or self.parts)
+
+
+def rows(**columns: Sequence[Any] | NDArray[Any]) -> list[dict[str, Any]]:
+    """Turn columns into records: five digits, null where not known."""
+    lists = [_plain(column) for column in columns.values()]
+    return [dict(zip(columns, record, strict=True)) for record in zip(*lists, strict=True)]
+
+
+def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
+    values = np.asarray(column)
+    if values.dtype.kind != "f":
+        return list(values.tolist())
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
+
+
+class Sheet:
+    """A chart being drawn: its data, kept apart from its encodings, and what is chosen at first.
+
+    `control` is the one that chooses: "segment" or "model".
+    """
+
+    def __init__(self, chosen: str | None = None, control: str = "segment") -> None:
+        self._datasets: dict[str, list[dict[str, Any]]] = {}
+        self._chosen, self._control = chosen, control
+
+    def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> alt.Chart:
+        name = f"data-{len(self._datasets)}"
+        self._datasets[name] = rows(**columns)
+        # Altair would look at every value if it had them.
+        return alt.Chart(alt.NamedData(name=name))
+
+    def finished(self, layers: Sequence[alt.Chart], height: int, width: int | str = "container") -> Spec:
+        """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
+        spec: Spec = alt.layer(*layers).to_dict(validate=False)
+        # The schema's address is no use to a page that is not to look anything up.
+        spec.pop("$schema", None)
+        # Each of these, set by Altair, is a copy of the whole chart.
+        if self._chosen is not None:
+            bind = alt.BindDirect(element=f"#{self._control}", event="change")
+            choice = alt.VariableParameter(name=self._control, value=self._chosen, bind=bind)
+            spec["params"] = [*spec.get("params", []), choice.to_dict(validate=False)]
+        size = {"width": width, "height": height, "background": "transparent"}
+        return {**spec, **size, "config": _settings(), "datasets": self._datasets}
+
+
+@cache
+def _settings() -> Spec:
+    """Return how all charts look."""
+    chart = (
+        alt.Chart(alt.NamedData(name="any"))
+        .mark_point()
+        .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
+        .configure_view(stroke=None)
+        .configure_axis(
+            gridColor=FAINT,
+            gridOpacity=0.25,
+            labelColor=INK,
+            labelFontSize=11,
+            titleColor=INK,
+            titleFontSize=12,
+            titleFontWeight="normal",
+        )
+        .configure_legend(
+            labelColor=INK,
+            titleColor=INK,
+            titleFontWeight="normal",
+            labelFontSize=11,
+            titleFontSize=12,
+            labelLimit=180,
+            orient="bottom",
+            columns=3,
+        )
+    )
+    settings: Spec = chart.to_dict(validate=False)["config"]
+    return settings
+
+
+def scale(low: float, high: float) -> alt.Scale:
+    """Return an axis that ends where it is told to."""
+    return alt.Scale(domain=[float(low), float(high)], nice=False, zero=False)
+
+
+def tips(**titles: Any) -> list[alt.Tooltip]:
+    """Return what a mark tells when it is pointed at: its fields, each under a title."""
+    return [alt.Tooltip(f"{name}:{'N' if name in _TEXTS else 'Q'}", title=t) for name, t in titles.items()]

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from altair.utils import schemapi
 
+from terrain_cli.presentation import comparison_text
 from terrain_cli.views import shown_samples, shown_segments
-from terrain_cli.views.report import sample_charts, soil_charts, written_sections
+from terrain_cli.views.report import drive_charts
 from terrain_cli.views.report.page_parts import Chart, Section, Table
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -34,6 +36,11 @@ MOST_DRIVERS = 9
 MOST_SAMPLES = 6_000
 #: Characters in the name of a segment.
 LONGEST = 48
+_NOTE = (
+    "In the unit of the channel. Held out: on stretches that were not fitted. Noise: the part of the error "
+    "that no model could predict. Bias: the mean of measured less predicted. Normalised: the rms error by "
+    "the rms of what was measured."
+)
 
 
 @dataclass(frozen=True)
@@ -50,25 +57,13 @@ class _Content:
     order: Index
 
     @property
-    def keys(self) -> NDArray[np.str_]:
-        return np.asarray(self.table["key"])
-
-    @property
-    def names(self) -> NDArray[np.str_]:
-        return np.asarray(self.table["name"])
-
-    @property
     def chosen(self) -> str:
-        return str(self.keys[self.order[0]])
+        return str(self.table["key"][self.order[0]])
 
     @property
     def thinned(self) -> dict[str, Any]:
         """The table of the segments that can be chosen."""
         return {name: np.asarray(column)[self.kept] for name, column in self.table.items()}
-
-    @property
-    def units(self) -> dict[str, quantities.Quantity]:
-        return {name: quantities.quantity(name, self.comparison.channels[name].unit) for name in self.misfits}
 
 
 def of(
@@ -77,12 +72,10 @@ def of(
     """Return the sections of a comparison, key and label of each segment to choose, and the first key."""
     progress("segments")
     content = _content(comparison)
-    worst = content.order[0]
+    names, keys, worst = content.table["name"], content.table["key"], content.order[0]
+    several = len(content.kept) > 1
     choices = [
-        (
-            str(content.keys[row]),
-            f"{content.names[row]}{' (worst misfit)' if row == worst and len(content.kept) > 1 else ''}",
-        )
+        (str(keys[row]), f"{names[row]}{' (worst misfit)' if row == worst and several else ''}")
         for row in content.kept
     ]
     sections = []
@@ -102,27 +95,76 @@ def of(
 def _content(comparison: Comparison) -> _Content:
     table = dict(shown_segments.soil_table(comparison))
     # Long paths differ at their ends.
-    table["name"] = [
-        f"…{name[1 - LONGEST :]}" if len(name) > LONGEST else name for name in shown_segments.names(table)
-    ]
-    table["key"] = [
-        f"{index}:{row}"
-        for index, wheel in enumerate(comparison.wheels)
-        for row in range(len(wheel.segments))
-    ]
-    misfits = {name: shown_samples.misfit(comparison, name) for name in shown_samples.channels(comparison)}
+    names = shown_segments.names(table)
+    table["name"] = np.array([f"…{n[1 - LONGEST :]}" if len(n) > LONGEST else n for n in names])
+    lengths = enumerate(len(wheel.segments) for wheel in comparison.wheels)
+    table["key"] = np.array([f"{index}:{row}" for index, length in lengths for row in range(length)])
+    shown = shown_samples.channels(comparison)
+    misfits = {name: shown_samples.misfit(comparison, name) for name in shown}
     # Of all channels, each in units of its rms error.
     total = np.zeros(len(table["name"]))
     for name, misfit in misfits.items():
-        errors = comparison.channels[name]
-        usual = errors.rmse * quantities.quantity(name, errors.unit).factor
+        usual = comparison.channels[name].rmse * shown[name].factor
         total += np.nan_to_num(misfit / usual) ** 2 if usual > 0.0 else 0.0
     order = np.argsort(-total, kind="stable")
     return _Content(comparison, table, misfits, np.sort(order[:MOST_CHOICES]), order)
 
 
 def _summary(content: _Content, asked: Asked | None) -> Section:
-    return written_sections.summary(content.comparison, list(map(str, content.table["status"])), asked)
+    comparison, statuses = content.comparison, list(map(str, content.table["status"]))
+    concluded = comparison_text.concluded(comparison, asked)
+    effects = comparison.model.get("effects") or []
+    with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
+    inputs = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
+    n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    fitted = (
+        f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
+        f"{counted(len(comparison.wheels), 'wheel')} from {counted(len(inputs), 'input')}, "
+        f"in {counted(len(statuses), 'segment')}."
+    )
+    fine = sum(status == "ok" for status in statuses)
+    verb = "has" if fine == 1 else "have"
+    usable = f"{fine or 'None'} of {counted(len(statuses), 'segment')} {verb} the status ok."
+    if len(statuses) == 1:
+        usable = f"The segment has the status {statuses[0]}."
+    points = [_sentence(finding.sentence) for finding in comparison.failures[:5]]
+    points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
+    return Section(
+        id="summary",
+        title="Summary",
+        text=[f"{usable} {fitted}"],
+        points=points,
+        parts=[_errors(comparison)],
+        lead=concluded.sentence.removesuffix(f" Next: {concluded.command}"),
+        command=concluded.command or comparison_text.looked_at(concluded, comparison, asked),
+    )
+
+
+def _errors(comparison: Comparison) -> Table:
+    rows = []
+    for name, what in shown_samples.channels(comparison).items():
+        errors = comparison.channels[name]
+        rms, bias, noise, out, low, high = (
+            quantities.number(value * what.factor)
+            for value in (
+                *(errors.rmse, errors.bias, errors.noise),
+                *(errors.heldout_rmse, errors.heldout_low, errors.heldout_high),
+            )
+        )
+        interval = out if low == "–" else f"{out} ({low} to {high})"
+        ratio = f"{quantities.number(errors.heldout_rmse / errors.noise, 2)} ×" if errors.noise > 0.0 else "–"
+        normalised = quantities.number(errors.nrmse)
+        rows.append((what.label, ratio, interval, noise, rms, bias, normalised, f"{errors.n:,}"))
+    head = (
+        *("Channel", "held out / noise", "held out (95 %)", "noise"),
+        *("rms error", "bias", "normalised", "Samples"),
+    )
+    return Table("Errors of the prediction", head, rows, frozenset(range(1, len(head))), _NOTE)
+
+
+def _sentence(text: str) -> str:
+    """Write a text as a sentence: with a capital, and one full stop."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
 def _soil(content: _Content) -> Section:
@@ -133,17 +175,17 @@ def _soil(content: _Content) -> Section:
             f"{title} of each segment from its beginning to its end; the table has the numbers.",
             spec,
         )
-        for title, spec in soil_charts.of_soil(shown, content.chosen)
+        for title, spec in drive_charts.of_soil(shown, content.chosen)
     ]
     if any(shown["WKT"]):
         maps = dict([shown_segments.mapped_strength(shown)])
-        for name, what in content.units.items():
+        for name, what in shown_samples.channels(content.comparison).items():
             maps[f"misfit of {what.words}{what.in_unit}"] = content.misfits[name][content.kept]
         parts += [
             Chart(
                 f"Track by {label}",
                 f"Map of the track of one wheel. Each segment is coloured by its {label}, {_range(values)}.",
-                soil_charts.track(shown, values, label, content.chosen),
+                drive_charts.track(shown, values, label, content.chosen),
             )
             for label, values in maps.items()
         ]
@@ -152,7 +194,7 @@ def _soil(content: _Content) -> Section:
             Chart(
                 "Cohesion and friction angle, 95 % regions",
                 "Estimates of each segment, friction angle over cohesion; the table has the numbers.",
-                soil_charts.estimates(shown, content.chosen),
+                drive_charts.estimates(shown, content.chosen),
             )
         )
     if len(shown_segments.tested(shown)):
@@ -160,14 +202,14 @@ def _soil(content: _Content) -> Section:
             Chart(
                 "Shear strength, marked at σ*",
                 "Line of shear strength over normal stress for each segment; the table has numbers.",
-                soil_charts.strength(shown, content.chosen),
+                drive_charts.strength(shown, content.chosen),
             )
         )
     return Section(id="soil", title="Soil", parts=[*parts, _segments(content)])
 
 
 def _segments(content: _Content) -> Table:
-    table, names = content.table, content.names
+    table, names = content.table, content.table["name"]
     kept = np.sort(content.order[:MOST_ROWS])
     rows = [
         (
@@ -189,9 +231,10 @@ def _segments(content: _Content) -> Table:
         for row in kept
     ]
     strength, _ = shown_segments.mapped_strength(table)
+    shown = shown_samples.channels(content.comparison)
     head = (
         *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
-        *(f"misfit of {what.symbol}{what.in_unit}" for what in content.units.values()),
+        *(f"misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
         "Status",
     )
     left_out = len(names) - len(kept)
@@ -202,18 +245,16 @@ def _segments(content: _Content) -> Table:
 
 
 def _agreement(content: _Content) -> Section:
-    comparison, keys = content.comparison, content.keys
+    comparison, keys = content.comparison, content.table["key"]
     parts: list[Table | Chart] = []
-    for name in shown_samples.channels(comparison):
-        errors = comparison.channels[name]
-        what = quantities.quantity(name, errors.unit)
+    for name, what in shown_samples.channels(comparison).items():
         pooled = shown_samples.pairs(comparison, name)
         if not len(pooled.measured):
             continue
         if any("time" in wheel.drivers for wheel in comparison.wheels):
             along = shown_samples.driver(comparison, "time", pooled)
-            noise = errors.noise * what.factor
-            chart = sample_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
+            noise = comparison.channels[name].noise * what.factor
+            chart = drive_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
             title = f"Misfit of {what.words} along the drive"
             parts.append(Chart(title, _described(along, pooled.residual, what), chart, wide=True))
         few = pooled.take(_few_of_each(pooled.segment, content.kept))
@@ -222,7 +263,7 @@ def _agreement(content: _Content) -> Section:
             Chart(
                 f"Measured and predicted {what.words} in the segment marked",
                 f"{what.words} as measured and as predicted along the segment chosen.",
-                sample_charts.course(place, axis, few, what.label, keys, content.chosen, driven=driven),
+                drive_charts.course(place, axis, few, what.label, keys, content.chosen, driven=driven),
                 wide=True,
             )
         )
@@ -260,10 +301,10 @@ def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
 
 
 def _failures(content: _Content) -> Section:
-    comparison = content.comparison
+    comparison, keys = content.comparison, content.table["key"]
     rows = [
         (
-            written_sections.sentence(finding.sentence),
+            _sentence(finding.sentence),
             quantities.quantity(finding.channel, "").words,
             " or ".join(
                 quantities.quantity(name, "").words for name in (finding.driver, *finding.alternatives)
@@ -281,9 +322,8 @@ def _failures(content: _Content) -> Section:
     if rows:
         note = "p holds for all findings together. The share is of the misfit beyond noise."
         parts.append(Table("What the misfit follows", head, rows, frozenset({4, 5}), note))
-    for name in shown_samples.channels(comparison):
-        errors = comparison.channels[name]
-        what = quantities.quantity(name, errors.unit)
+    for name, what in shown_samples.channels(comparison).items():
+        noise = comparison.channels[name].noise * what.factor
         pooled = shown_samples.pairs(comparison, name)
         for driver in shown_samples.drivers(comparison, name, pooled, MOST_DRIVERS):
             along = shown_samples.driver(comparison, driver, pooled)
@@ -291,9 +331,7 @@ def _failures(content: _Content) -> Section:
                 Chart(
                     f"Misfit of {what.words} against {along.quantity.words}",
                     _described(along, pooled.residual, what),
-                    sample_charts.residual(
-                        along, pooled, what.label, errors.noise * what.factor, content.keys, content.chosen
-                    ),
+                    drive_charts.residual(along, pooled, what.label, noise, keys, content.chosen),
                 )
             )
     legend = (

@@ -1,4 +1,4 @@
-"""Charts of segments: along the drive, on maps, estimates of the soil, and its strength."""
+"""Charts of a drive: its segments in time, on maps, by soil and strength; and its samples."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ import altair as alt
 import numpy as np
 
 from terrain_cli.views import shown_samples, shown_segments
-from terrain_cli.views.chart_style import COLOURS, FAINT, SCALE
-from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale, tips
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, SCALE
+from terrain_cli.views.report.page_parts import CHOSEN, Sheet, scale, tips
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
+    from terrain_cli.views.report.page_parts import Spec
+    from terrain_cli.views.shown_samples import Along, Pairs
     from terrain_cli.vocabulary.arrays import Array
 
-    Spec = dict[str, Any]
+    Text = NDArray[np.str_]
 
 #: Told apart in print and without colour: one for each of `COLOURS`.
 _SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "triangle-right")
@@ -30,6 +34,10 @@ _MOST_VERTICES = 1_500
 _QUANTITIES = (("Cohesion c (kPa)", "c_kPa", "c_se_kPa"), ("Friction angle φ (°)", "phi_deg", "phi_se_deg"))
 #: Times the usual error, beyond which a band may leave the picture: it would flatten all that is known.
 _UNSURE = 4.0
+#: Points drawn one by one beside a driver, of which there are many.
+MOST_BESIDE = 400
+#: Steps, in usual ones, that are a gap.
+_GAP = 8.0
 
 
 def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> Spec:
@@ -255,3 +263,94 @@ def _timeline(
     lines = base.mark_rule(strokeWidth=4, clip=True).encode(y=y, color=colour, opacity=opacity)
     marked = base.mark_rule(strokeWidth=9, color=CHOSEN, clip=True).encode(y=y)
     return sheet.finished([band, marked.transform_filter("datum.s == segment"), lines], 220)
+
+
+def course(
+    along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen: str, *, driven: bool
+) -> Spec:
+    """Draw measured and predicted values along the chosen segment, by time, slip or the number of the sample.
+
+    Where the samples were `driven` in that order, the prediction is a line. `keys`, of the segments, choose
+    one.
+    """
+    sheet = Sheet(chosen)
+    # A line does not bridge what was not driven.
+    step = np.diff(along)
+    usual = np.median(np.abs(step)) if len(step) else 0.0
+    wide = (np.diff(pairs.segment) == 0) & (step > _GAP * usual)
+    gaps = np.flatnonzero(wide & driven) + 1
+    measured, predicted = (np.insert(column, gaps, np.nan) for column in (pairs.measured, pairs.predicted))
+    base = (
+        sheet.chart(
+            x=np.insert(along, gaps, along[gaps]),
+            m=measured,
+            p=predicted,
+            s=np.insert(keys[pairs.segment], gaps, keys[pairs.segment[gaps]]),
+        )
+        .transform_filter("datum.s == segment")
+        .encode(
+            x=alt.X("x:Q", title=axis, scale=alt.Scale(zero=False, padding=0 if driven else 10)),
+            tooltip=tips(x=axis, m="measured", p="predicted"),
+        )
+    )
+    kinds = alt.Scale(domain=["measured", "predicted"], range=[INK, MEDIAN])
+
+    colour = alt.Color("what:N", title=None, scale=kinds)
+
+    def shown(kind: str, field: str) -> alt.Chart:
+        y = alt.Y(f"{field}:Q", title=label, scale=alt.Scale(zero=False))
+        return base.transform_calculate(what=f"'{kind}'").encode(y=y, color=colour)
+
+    dots = shown("measured", "m").mark_point(size=12).interactive(name="zoom")
+    other = shown("predicted", "p")
+    other = other.mark_line(strokeWidth=1.6) if driven else other.mark_point(shape="cross", size=40)
+    return sheet.finished([dots, other], 320)
+
+
+def residual(
+    along: Along, pooled: Pairs, label: str, noise: float, keys: Text, chosen: str, *, height: int = 210
+) -> Spec:
+    """Draw the residual against a driver: its median, the band of 5 to 95 %, the noise, the segment."""
+    sheet = Sheet(chosen)
+    values, axis = pooled.residual, along.quantity.label
+    known = np.flatnonzero(np.isfinite(along.values))
+    kept = known[shown_samples.some(len(known), MOST_BESIDE)]
+    low, high = shown_samples.limits(np.percentile(values[known], [0.3, 50.0, 99.7]), np.zeros(1), margin=0.1)
+    y = alt.Y("y:Q", title=f"measured − predicted {label}", scale=scale(low, high))
+    if along.labels:
+        x = alt.X("x:N", title=axis, sort=None, axis=alt.Axis(labelAngle=0, labelLimit=90))
+    else:
+        x = alt.X("x:Q", title=axis, scale=scale(*shown_samples.limits(along.values[known])))
+
+    def shown(driver: Array) -> Array | Text:
+        return np.array(along.labels)[driver.astype(int)] if along.labels else driver
+
+    points = sheet.chart(x=shown(along.values[kept]), y=values[kept], s=keys[pooled.segment[kept]])
+    points = points.encode(x=x, y=y)
+    band = shown_samples.band(along.values, values)
+    bins = sheet.chart(x=shown(band.centre), low=band.low, y=band.median, high=band.high)
+    of_x = alt.Tooltip("x:N" if along.labels else "x:Q", title=axis)
+    bins = bins.encode(x=x, tooltip=[of_x, *tips(y="median", low="5 %", high="95 %")])
+    spread: dict[str, Any] = {"color": MEDIAN, "opacity": 0.22, "clip": True}
+    middle: dict[str, Any] = {"color": MEDIAN, "clip": True}
+    layers = [points.mark_circle(size=10, color=FAINT, opacity=0.6, clip=True)]
+    if not along.labels:
+        layers = [layers[0].interactive(name="zoom")]
+    marked = points.mark_circle(size=24, color=CHOSEN, clip=True).transform_filter("datum.s == segment")
+    # Below the median, which is what is to be read. A lone segment is no choice.
+    layers += [marked] if len(keys) > 1 else []
+    ends: dict[str, Any] = {"y": alt.Y("low:Q"), "y2": "high:Q"}
+    if along.labels:
+        layers.append(bins.mark_bar(size=18, **spread).encode(**ends))
+        layers.append(bins.mark_point(filled=True, size=45, **middle).encode(y=y))
+    else:
+        layers.append(bins.mark_area(**spread).encode(**ends))
+        dots = alt.OverlayMarkDef(color=MEDIAN, size=22)
+        layers.append(bins.mark_line(point=dots, **middle).encode(y=y))
+    layers.append(sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y="y:Q"))
+    if np.isfinite(noise):
+        rules = sheet.chart(y=[-1.96 * noise, 1.96 * noise])
+        layers.append(
+            rules.mark_rule(color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True).encode(y="y:Q")
+        )
+    return sheet.finished(layers, height)

@@ -1,4 +1,4 @@
-"""How the recursive estimate converges: Figures 3, 4 and 7 of Iagnemma et al. 2004."""
+"""A drive as measured; how the estimate converges along it (Figs. 3, 4, 7 of Iagnemma et al. 2004)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from terrain_cli.simulation.simulated_log import channels
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS
 from terrain_cli.views.figures.picture import Picture
+from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from terrain_cli.simulation.simulated_log import SimulatedLog
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
@@ -39,6 +43,35 @@ _QUANTITIES = (
     _Quantity("c_kPa", "c_se_kPa", "cohesion c (kPa)", (-np.inf, np.inf)),
     _Quantity("phi_deg", "phi_se_deg", "friction angle φ (°)", (-90.0, 90.0)),
 )
+
+
+def measured(log: SimulatedLog) -> Figure:
+    """Draw each channel of a simulated log against time, wheel by wheel, and where the soil changes."""
+    names = channels(log.scenario)
+    rows = -(-len(names) // 2)
+    figure = Picture(figsize=(8.6, 0.8 + 1.35 * rows))
+    grid = figure.subplots(rows, 2, squeeze=False, sharex=True)
+    for axes in grid.flat[len(names) :]:
+        axes.remove()
+    for axes, name in zip(grid.flat, names, strict=False):
+        unit = CHANNELS[name].unit
+        what = quantities.quantity(name, unit.symbol if unit else "")
+        of = {"": log.body} if name in log.body else log.wheels
+        for ink, (wheel, series) in zip(COLOURS, of.items(), strict=False):
+            shown = shown_samples.some(len(series[name].time))
+            values = series[name].values[shown] * what.factor
+            axes.plot(series[name].time[shown], values, color=ink, linewidth=0.7, label=wheel)
+        for stretches in log.stretches.values():
+            for stretch in stretches[1:]:
+                axes.axvline(stretch.start, color=FAINT, linewidth=0.7, linestyle=":")
+        axes.set_title(what.label)
+    for axes in grid.flat[len(names) - 2 : len(names)]:
+        axes.set_xlabel("time (s)")
+        axes.tick_params(labelbottom=True)
+    if len(log.wheels) > 1:
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    return figure
 
 
 def convergence(trace: Mapping[str, Any]) -> Figure:

@@ -1,4 +1,4 @@
-"""The section in which a reader chooses a model, and sees errors and misfit change."""
+"""The section in which a reader chooses a model and sees its errors and misfit, and its history."""
 
 from __future__ import annotations
 
@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
+from terrain_cli.improvement.model_history import Rung, channels, rungs
+from terrain_cli.presentation import change_text
 from terrain_cli.views import shown_samples
-from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN
-from terrain_cli.views.report.page_parts import Chart, Section, Table
-from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale, tips
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, measured, top
+from terrain_cli.views.report.page_parts import CHOSEN, Chart, Section, Sheet, Table, scale, tips
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from terrain_cli.improvement.model_alternatives import Alternative
+    from terrain_cli.views.report.page_parts import Spec
     from terrain_cli.views.shown_samples import Band
     from terrain_cli.vocabulary.quantities import Quantity
-
-    Spec = dict[str, Any]
 
 #: Drivers shown for each channel: those of its findings come first.
 _MOST_DRIVERS = 2
@@ -48,18 +49,15 @@ def section(models: Sequence[Alternative]) -> Section:
         return Section(id="models", title=title)
     own = models[_own(models)].comparison
     parts: list[Table | Chart] = []
-    for name in shown_samples.channels(own):
-        what = quantities.quantity(name, own.channels[name].unit)
+    for name, what in shown_samples.channels(own).items():
         parts.append(_errors(models, name, what))
         parts += _misfits(models, name, what)
     return Section(id="models", title=title, text=[_TEXT], parts=[_table(models), *parts])
 
 
 def _table(models: Sequence[Alternative]) -> Table:
-    shown = shown_samples.channels(models[_own(models)].comparison)
     head, rows = ["Model"], [[label] for _, label in choices(models)[0]]
-    for name in shown:
-        what = quantities.quantity(name, models[0].comparison.channels[name].unit)
+    for name, what in shown_samples.channels(models[_own(models)].comparison).items():
         head += [f"held-out error of {what.symbol}{what.in_unit}", "× noise"]
         for row, one in zip(rows, models, strict=True):
             errors = one.comparison.channels[name]
@@ -151,3 +149,62 @@ def _misfit(bands: Sequence[Band], axis: str, label: str, own: str) -> Spec:
         ),
     ]
     return sheet.finished(layers, 210)
+
+
+def history(entries: Sequence[Mapping[str, Any]]) -> Section:
+    """Return what the page shows of [[history]] of a model file; empty, so not shown, without any."""
+    if not entries:
+        return Section(id="history", title="How the model came about")
+    ladder = rungs(entries)
+    head, rows = change_text.ladder(ladder)
+    note = "rms errors on stretches of the data that were not fitted, before and after each change."
+    head = [word.capitalize() for word in head]
+    table = Table("Held-out errors, change by change", head, rows, frozenset(range(3, 8)), note)
+    charts = [_rungs(ladder, name) for name in channels(ladder)]
+    points = [f"{remark}." for remark in change_text.remarks(ladder)]
+    return Section(id="history", title="How the model came about", points=points, parts=[*charts, table])
+
+
+def _rungs(ladder: Sequence[Rung], name: str) -> Chart:
+    known = measured(ladder, name)
+    what = quantities.quantity(name, known[0][1].unit)
+    first, last = known[0][1].before.value, known[-1][1].after.value
+    told = " to ".join(f"{quantities.number(value * what.factor)} {what.unit}" for value in (first, last))
+    return Chart(
+        f"Held-out error of {what.words}",
+        f"Held-out rms error of {what.words} before and after {counted(len(known), 'change')}: from {told}.",
+        _ladder(ladder, name),
+    )
+
+
+def _ladder(ladder: Sequence[Rung], name: str) -> Spec:
+    known = measured(ladder, name)
+    what = quantities.quantity(name, known[0][1].unit)
+    steps = [f"{rung.number} {rung.label}" for rung, _ in known]
+    columns: dict[str, list[Any]] = {"step": [], "when": [], "value": [], "low": [], "high": []}
+    for step, (_, one) in zip(steps, known, strict=True):
+        for when, interval in (("before", one.before), ("after", one.after)):
+            numbers = (v * what.factor for v in interval)
+            for column, cell in zip(columns.values(), (step, when, *numbers), strict=True):
+                column.append(cell)
+    sheet = Sheet()
+    x = alt.X("step:N", sort=None, title=None, axis=alt.Axis(labelAngle=-25, labelLimit=200))
+    aside = alt.XOffset("when:N", sort=["before", "after"], scale=alt.Scale(paddingOuter=0.6))
+    # Of one title and one domain, so that they share a legend.
+    sides: dict[str, Any] = {"domain": ["before", "after"]}
+    legend = alt.Legend(title="held-out; bar: noise")
+    kind = {
+        "shape": alt.Shape("when:N", scale=alt.Scale(**sides, range=["circle", "square"]), legend=legend),
+        "fill": alt.Fill("when:N", scale=alt.Scale(**sides, range=["white", COLOURS[0]]), legend=legend),
+    }
+    title = f"rms error{what.in_unit}"
+    y = alt.Y("value:Q", title=title, scale=scale(0.0, top(known) * what.factor))
+    told = tips(step="change", when=" ", value="held-out error", low="2.5 %", high="97.5 %")
+    base = sheet.chart(**columns).encode(x=x, xOffset=aside)
+    bars = base.mark_rule(color=COLOURS[0], clip=True).encode(y=alt.Y("low:Q", title=title), y2="high:Q")
+    points = base.mark_point(stroke=COLOURS[0], size=60, opacity=1.0).encode(y=y, tooltip=told, **kind)
+    noise = sheet.chart(step=steps, noise=[one.noise * what.factor for _, one in known])
+    level = noise.mark_tick(color=INK, thickness=1.5, strokeDash=[2, 2]).encode(
+        x=x, y="noise:Q", tooltip=tips(noise=f"noise{what.in_unit}")
+    )
+    return sheet.finished([level, bars, points], 220)

@@ -7,7 +7,7 @@ import pytest
 from compared import halved
 
 from terrain_cli.improvement.model_alternatives import Alternative
-from terrain_cli.views.report import model_section, page
+from terrain_cli.views.report import model_sections, page
 from terrain_cli.views.report.page_parts import Chart, Table
 
 
@@ -17,7 +17,7 @@ def choices(comparison):
 
 
 def test_there_is_nothing_to_choose_of_one_model(choices):
-    assert not model_section.section(choices[:1])
+    assert not model_sections.section(choices[:1])
 
 
 def test_control_offers_the_models_and_marks_that_of_the_page(comparison, choices):
@@ -28,7 +28,7 @@ def test_control_offers_the_models_and_marks_that_of_the_page(comparison, choice
 
 
 def test_table_has_the_error_of_each_model_over_its_own_noise(comparison, choices):
-    table = model_section.section(choices).parts[0]
+    table = model_sections.section(choices).parts[0]
     assert isinstance(table, Table)
     own, other = table.rows
     assert (own[0], other[0]) == ("wong-reece (this page)", "+ grousers")
@@ -39,7 +39,7 @@ def test_table_has_the_error_of_each_model_over_its_own_noise(comparison, choice
 
 
 def test_pictures_hold_the_misfit_of_each_model(choices):
-    charts = [part for part in model_section.section(choices).parts if isinstance(part, Chart)]
+    charts = [part for part in model_sections.section(choices).parts if isinstance(part, Chart)]
     chart = next(one for one in charts if one.title.startswith("Misfit of torque against slip"))
     (param,) = (one for one in chart.spec["params"] if one["name"] == "model")
     assert (param["value"], param["bind"]["element"]) == ("0", "#model")
