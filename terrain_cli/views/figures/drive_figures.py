@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from terrain_cli.simulation.simulated_log import channels
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS
-from terrain_cli.views.figures.picture import Picture
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from terrain_cli.simulation.simulated_log import SimulatedLog
@@ -28,6 +28,15 @@ if TYPE_CHECKING:
 MOST_SAMPLES = 3_000
 #: With more segments than this their limits would hide the lines.
 MOST_LIMITS = 40
+
+
+class Picture(Figure):
+    """A figure that a notebook shows although no window manages it."""
+
+    def _repr_png_(self) -> bytes:
+        content = BytesIO()
+        self.savefig(content, format="png")
+        return content.getvalue()
 
 
 class _Quantity(NamedTuple):

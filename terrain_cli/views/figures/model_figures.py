@@ -12,7 +12,7 @@ from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement.model_history import channels
 from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN, measured, top
-from terrain_cli.views.figures.picture import Picture
+from terrain_cli.views.figures.drive_figures import Picture
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:

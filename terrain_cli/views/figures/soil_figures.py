@@ -17,7 +17,7 @@ from terrain_cli.mechanics.stresses import stresses
 from terrain_cli.presentation.segment_table import GRID
 from terrain_cli.views import shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS, SCALE
-from terrain_cli.views.figures.picture import Picture
+from terrain_cli.views.figures.drive_figures import Picture
 from terrain_cli.views.shown_samples import limits as limits_of
 from terrain_cli.vocabulary.choices import MOST_VALLEYS
 
