@@ -236,7 +236,7 @@ def test_a_unit_by_which_nothing_can_be_used_is_told(folder, refused):
     rows = [[*row[:5], f"{3.6 * float(row[5]):.6g}"] for row in good()]
     path = write("run.csv", text(rows))
     err = refused(path, 65, "wheel skids", kept=["rejects.csv"], options=("--method", "least-squares"))
-    assert 'if it is in km/h, velocity = { column = "velocity", unit = "km/h" }' in err
+    assert 'if velocity is in km/h, velocity = { column = "velocity", unit = "km/h" }' in err
 
 
 def test_a_log_written_backwards(set_aside):

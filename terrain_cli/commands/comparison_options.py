@@ -135,10 +135,12 @@ def _cut(
         progress.tell(f"{path}: {sentence}")
     for remark in dict.fromkeys(r for samples in wheels for r in samples.remarks if isinstance(r, Notice)):
         progress.tell(f"{path}: {remark}")
-    for samples in wheels if given["verbose"] else ():
+    for samples in wheels:
         used = f"{len(samples.usable)} of {len(samples)} samples used"
-        told = [f"{name}: {how}" for name, how in samples.origins.items()]
-        progress.tell("\n  ".join([f"{samples.source}  {samples.wheel}: {used}", *told]))
+        told = [f"set aside: {count} · {reason}" for reason, count in samples.reasons().items()]
+        told += [f"{name}: {how}" for name, how in samples.origins.items()] if given["verbose"] else []
+        if told:
+            progress.tell("\n  ".join([f"{samples.source}  {samples.wheel}: {used}", *told]))
     lengths = {name: given[name] for name in ("min_samples", "window_samples", "window_distance")}
     return [
         cut_windows.cut(samples, given["segments"], **lengths) for samples in wheels if len(samples.usable)

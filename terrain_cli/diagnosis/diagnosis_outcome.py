@@ -136,7 +136,7 @@ class NextDrive:
 
     pair: tuple[str, str]
     manoeuvre: str  # For a person: what to drive
-    power: float  # Probability that it names the right one of the two, were it driven for as long as said
+    power: float  # Probability that it settles which of the two it is, driven for as long as said
     # The same for the program: what `terrain-est simulate` takes, as far as it can be said so
     settings: dict[str, Any] = field(default_factory=dict)
 

@@ -189,7 +189,7 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             speed=spurts,
         ),
         made(
-            f"lift the wheel until {at.load * _LIFTED:.2g} N are left on it, and turn it at {speeds}",
+            f"lift the wheel until {at.load * _LIFTED:.2g} N are left on it, and turn it at {speeds}, {here}",
             "load",
             "speed",
             load=_LIFTED,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -300,7 +301,10 @@ def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[Ne
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two of a family, and the margins by which each drive tells them apart, shape (drives, any)."""
+    """Two of a family, and the margins by which each drive tells them apart, shape (drives, 2 forms).
+
+    Of the forms of the one, then of the other.
+    """
 
     one: Side
     other: Side
@@ -312,10 +316,18 @@ class _Pair:
 
     @property
     def power(self) -> Array:
-        """How often each drive leads to the right one of the two, at most `criteria.MOST_POWER`."""
-        return np.asarray(
-            np.minimum(distributions.normal_tail(-self.margins).mean(axis=1), criteria.MOST_POWER)
-        )
+        """How often each drive settles which of the two it is, at most `criteria.MOST_POWER`.
+
+        The right one has to come out ahead by so much that the wrong one, in whichever form of its law, would
+        be taken for it in no more than `criteria.RULED_OUT` of the cases, as in `refit_ranking`.
+        """
+        rare = NormalDist().inv_cdf(1.0 - criteria.RULED_OUT)
+        sides = np.split(self.margins, 2, axis=1)
+        ahead = [np.maximum(rare - wrong.min(axis=1, keepdims=True), 0.0) for wrong in reversed(sides)]
+        settled = [
+            distributions.normal_tail(least - right) for least, right in zip(ahead, sides, strict=True)
+        ]
+        return np.asarray(np.minimum(np.concatenate(settled, axis=1).mean(axis=1), criteria.MOST_POWER))
 
 
 def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDrive, float]:

@@ -159,7 +159,8 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
         lines += ["", *_table(diagnosis, shown), *order(shown)]
     for drive in diagnosis.next_drive:
         first, second = drive.pair
-        lines += ["", f"to tell {first} from {second}: {drive.manoeuvre} (power {drive.power:.0%})"]
+        power = f" (power {drive.power:.0%})" if drive.settings else ""
+        lines += ["", f"to tell {first} from {second}: {drive.manoeuvre}{power}"]
     if diagnosis.not_testable:
         lines += ["", "not testable on these data:"]
         reasons: dict[str, list[str]] = {}

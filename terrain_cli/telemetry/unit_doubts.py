@@ -210,11 +210,11 @@ def _lines(feeds: Mapping[str, Feed], suspicion: Suspicion) -> list[str]:
 
 def _if(feed: Feed, suspicion: Suspicion) -> str:
     if suspicion.mend is None:
-        return "if it is the one taken"
+        return f"if that of {suspicion.channel} is the one taken"
     _, unit, scale = suspicion.mend
     if scale < 0.0:
         return "if the sensor's sign is the other way round"
-    return f"if it is in {rover_advice.meant(feed, unit, scale)}"
+    return f"if {suspicion.channel} is in {rover_advice.meant(feed, unit, scale)}"
 
 
 def pull(e: UnitEvidence) -> Suspicion | None:
@@ -222,13 +222,15 @@ def pull(e: UnitEvidence) -> Suspicion | None:
 
     Both are the shear stress under the wheel: in a stretch of a drive the pull changes by as much as T/r.
     """
-    found = e.columns("drawbar_pull", "torque", "load") if {"drawbar_pull", "time"} <= e.measured else None
+    # On a slope the weight pulls too.
+    moved = ("load", "pitch") if "pitch" in e.measured else ("load",)
+    found = e.columns("drawbar_pull", "torque", *moved) if {"drawbar_pull", "time"} <= e.measured else None
     if found is None:
         return None
-    force, torque, load = found
+    force, torque, *others = found
     bounds = np.linspace(0, len(force), BLOCKS + 1).astype(int)
     times = [
-        _changes(force[a:b], torque[a:b] / e.geometry.radius, load[a:b])
+        _changes(force[a:b], torque[a:b] / e.geometry.radius, [column[a:b] for column in others])
         for a, b in pairwise(bounds)
         if b - a >= FEWEST
     ]
@@ -254,10 +256,15 @@ def pull(e: UnitEvidence) -> Suspicion | None:
     return Suspicion(what, best.channel, best)
 
 
-def _changes(pull: Array, rim: Array, load: Array) -> float | None:
-    """Return the ratio of the changes of two forces that follow each other; None where they do not."""
+def _changes(pull: Array, rim: Array, others: list[Array]) -> float | None:
+    """Return the ratio of the changes of two forces that follow each other; None where they do not.
+
+    What goes with others, such as the load, is taken out of both first.
+    """
     with np.errstate(all="ignore"):
-        known = np.column_stack([load / np.median(load), np.ones(len(load))])
+        known = np.column_stack(
+            [*(column / max(np.max(np.abs(column)), 1e-300) for column in others), np.ones(len(pull))]
+        )
         parts = np.column_stack([pull, rim])
         if not np.isfinite(known).all():
             return None

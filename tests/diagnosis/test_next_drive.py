@@ -155,7 +155,7 @@ def test_the_drive_is_the_one_known_to_settle_it(name, channel, low, high):
 def test_where_no_drive_tells_it_says_so_and_what_does():
     data, pairs = case("same")
     (found,) = suggest(data, pairs)
-    assert found.power == pytest.approx(0.5, abs=1e-6)
+    assert found.power == pytest.approx(diagnosis_criteria.RULED_OUT, abs=1e-6)
     assert found.manoeuvre.startswith("no drive tells them apart")
     assert "known brake" in found.manoeuvre
     assert found.settings == {}
@@ -191,10 +191,30 @@ def power(name, manoeuvre, seconds):
     return next_drive._Pair(*sides, margins).power[0]
 
 
+@pytest.mark.parametrize(
+    ("margins", "expected"),
+    [
+        # The one has to be 2.05 deviations ahead of the other, which is then at 0; the other just ahead.
+        ((3.0, 0.0), 0.5 * (0.8278 + 0.5)),
+        # The other one would be taken for the first by no more than −2 + 2.05.
+        ((2.0, 2.0), 0.9743),
+        ((9.0, 9.0), diagnosis_criteria.MOST_POWER),
+    ],
+)
+def test_a_drive_settles_what_it_rules_out(margins, expected):
+    pair = next_drive._Pair(None, None, np.array([margins]))
+    assert pair.power == pytest.approx([expected], abs=2e-3)
+
+
+def test_one_form_that_is_not_ruled_out_leaves_a_pair_open():
+    margins = np.array([[4.0, 4.0, 4.0, 4.0, 4.0, -2.0]])
+    assert next_drive._Pair(None, None, margins).power < 0.75
+
+
 @pytest.mark.parametrize(("name", "manoeuvre"), [("warm", 0), ("load", 2)])
 def test_the_longer_it_is_driven_the_surer(name, manoeuvre):
     powers = [power(name, manoeuvre, seconds) for seconds in (6.0, 24.0, 96.0)]
-    assert all(longer > shorter for shorter, longer in pairwise([0.5, *powers]))
+    assert all(longer > shorter for shorter, longer in pairwise([diagnosis_criteria.RULED_OUT, *powers]))
     assert powers[2] > powers[0] + 0.05
     assert power(name, manoeuvre, 960.0) <= diagnosis_criteria.MOST_POWER
 

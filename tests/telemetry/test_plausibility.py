@@ -234,16 +234,16 @@ def test_a_velocity_that_was_derived_is_wrong_with_its_slip(drive, judged):
 
 def test_a_header_states_a_unit_too(drive, judged):
     (doubt,) = judged(drive.assign(torque=1e3 * drive["torque"]).rename(columns={"torque": "torque_Nm"}))
-    assert 'if it is in N mm, torque = { column = "torque_Nm", unit = "N mm" }' in doubt
+    assert 'if torque is in N mm, torque = { column = "torque_Nm", unit = "N mm" }' in doubt
     # Metres under a header that says millimetres.
     (doubt,) = judged(drive.assign(load=drive["load"]).rename(columns={"torque": "torque [kN m]"}))
-    assert 'if it is in N m, torque = { column = "torque [kN m]", unit = "N m" }' in doubt
+    assert 'if torque is in N m, torque = { column = "torque [kN m]", unit = "N m" }' in doubt
 
 
 def test_a_constant_of_rover_toml_is_mended_there(drive, judged):
     given = f'{GEOMETRY}[channels]\nload = {{ constant = 8.3, unit = "N" }}\n'
     (doubt,) = judged(without(drive, "load"), given)
-    assert 'if it is in kg, load = { constant = 8.3, unit = "kgf" } under [channels]' in doubt
+    assert 'if load is in kg, load = { constant = 8.3, unit = "kgf" } under [channels]' in doubt
 
 
 @pytest.mark.parametrize(
@@ -323,8 +323,8 @@ def test_a_bag_is_mended_by_topic_and_field(tmp_path):
     (doubt,) = (remark for remark in left.remarks if isinstance(remark, Doubt))
     assert doubt.startswith("wheel front-left: torque is ")
     assert doubt.endswith(
-        'if it is in N m, torque = { topic = "/joint_states", field = "effort", name = "front_left_wheel", '
-        'unit = "N m" } under [wheels.front-left.channels] of rover.toml'
+        'if torque is in N m, torque = { topic = "/joint_states", field = "effort", '
+        'name = "front_left_wheel", unit = "N m" } under [wheels.front-left.channels] of rover.toml'
     )
     assert not [remark for remark in right.remarks if isinstance(remark, Doubt)]
 
@@ -350,7 +350,7 @@ def test_a_command_tells_a_doubt_and_an_error(command, drive, tmp_path, monkeypa
         out, err = capfd.readouterr()
         return end.value.code, out, err
 
-    told = " rad: if it is in deg, pitch = { column = "
+    told = " rad: if pitch is in deg, pitch = { column = "
     code, out, err = run(drive.iloc[:60].assign(pitch=SLOPE[90:150]))
     assert not code
     assert told in (out if command[0] == "inspect" else err)
