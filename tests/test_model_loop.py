@@ -79,7 +79,9 @@ def told_of(monkeypatch):
         answers = [{**silence, "alarm": raised, **answer}, silence]
 
         def diagnose(wheels, file, *, effects, seed, progress):
-            return SimpleNamespace(comparison=change_trial.fitted(wheels, file), **answers.pop(0))
+            return SimpleNamespace(
+                comparison=change_trial.fitted(wheels, file), candidates=[], **answers.pop(0)
+            )
 
         monkeypatch.setattr(diagnosis, "diagnose", diagnose)
         command = ["model", "add", "model.toml", "--until-quiet", *args, *CUT, "--data", data]

@@ -73,6 +73,7 @@ def diagnosing(*answers):
             family=tuple(names),
             unknown=unknown,
             together=(),
+            candidates=[],
             next_drive=[NextDrive((names[0], name), f"drive for {name}", 0.9) for name in names[1:]],
         )
 
@@ -234,7 +235,7 @@ def test_candidates_of_ones_own_are_named_by_their_paths(own):
 
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
-        comparison=SimpleNamespace(channels={}, blocks=20),
+        comparison=SimpleNamespace(channels={}, blocks=20, wheels=[]),
         verdict="family",
         unrecorded=(),
         alarm=Alarm(raised=True, p_value=0.0, level=0.01),
@@ -242,6 +243,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
         family=(),
         unknown=None,
         together=(),
+        candidates=[],
         next_drive=[],
     )
     (end,) = until_quiet(sinks, models.resolve("wong-reece"), diagnose=lambda *_: nothing)
