@@ -253,7 +253,7 @@ def _pieces(stream: TextStream) -> Iterator[bytes]:
     while data := stream.read(_PIECE_BYTES):
         # Only the end is shorter; its last line need not have one.
         end = data.rfind(b"\n") + 1 if len(data) == _PIECE_BYTES else len(data)
-        if stream.nul_bytes or stream.quote_marks or len(data) - end > _LONGEST_LINE:
+        if stream.nul_bytes or b'"' in data or len(data) - end > _LONGEST_LINE:
             raise OddError
         if end:
             yield b"".join((rest, memoryview(data)[:end]))
