@@ -171,7 +171,7 @@ def _text(document: dict[str, Any]) -> list[str]:
     "terrain-est model history model.toml --plot pictures",
     short_help="Show what each change did to the held-out error.",
 )
-@click.argument("file", type=paths.Reads("the model file"), metavar="FILE")
+@click.argument("file", type=paths.MODEL, metavar="FILE")
 @options.as_json
 @options.value(
     "--plot DIR",

@@ -30,7 +30,13 @@ def test_writes_the_same_page_to_a_file_and_to_the_standard_output(
 ):
     page = tmp_path / "run.html"
     done = terrain_est("report", short, "-o", page, "--segments", "none", "--seed", "3")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (done.returncode, done.stdout) == (0, "")
+    told = done.stderr.splitlines()
+    assert told[::2] == [
+        f"{short}  front-left: 240 of 250 samples used",
+        f"{short}  front-right: 240 of 249 samples used",
+    ]
+    assert told[1::2] == [f"  set aside: {n} · wheel stands (ω = 0, slip undefined)" for n in (10, 9)]
     text = page.read_text("utf-8")
     assert text.startswith("<!DOCTYPE html>")
     assert 1e6 < page.stat().st_size < 6e6
