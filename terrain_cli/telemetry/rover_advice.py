@@ -220,7 +220,8 @@ def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
     symbol, scale = _in(feed, unit, scale)
     keys = [place(feed) if feed.constant is None else f"constant = {toml_files.value(feed.constant)}"]
     keys.append(f"unit = {toml_files.value(symbol)}")
-    keys += [f"scale = {toml_files.value(feed.scale * scale)}"] * (feed.scale * scale != 1.0)
+    whole = float(f"{feed.scale * scale:.9g}")
+    keys += [f"scale = {toml_files.value(whole)}"] * (whole != 1.0)
     keys += [f"offset = {toml_files.value(feed.offset * scale)}"] * (feed.offset != 0.0)
     return f"{feed.channel} = {{ {', '.join(keys)} }}"
 

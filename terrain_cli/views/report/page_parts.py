@@ -133,6 +133,8 @@ def _settings() -> Spec:
             gridOpacity=0.25,
             labelColor=INK,
             labelFontSize=11,
+            labelOverlap="greedy",
+            labelSeparation=6,
             titleColor=INK,
             titleFontSize=12,
             titleFontWeight="normal",
