@@ -260,6 +260,10 @@ def _goals(found):
     )
     told = [one for one in _open(found) if not _says_none(one)]
     yield goal("  where it does not say that no drive tells", [_settled(one, 1) for one in told], least=0.80)
+    every = [one for one in told if _tells_all(one)]
+    yield goal(
+        "  where it recommends a drive for every pair", [_settled(one, 1) for one in every], least=0.80
+    )
     yield goal("effect in no catalogue: alarm", map(alarmed, outside), least=0.90)
     yield goal("  right channel and driver", map(placed, outside), least=0.85)
     yield goal("  excess error halved by the draft", map(halved, outside), least=0.85)
@@ -373,6 +377,11 @@ def _says_none(one):
     """Whether the diagnosis says that no drive tells the family apart."""
     drives = one["found"]["rounds"][0]["next"]
     return bool(drives) and drives[0]["manoeuvre"].startswith("no drive")
+
+
+def _tells_all(one):
+    """Whether the diagnosis has a drive for every pair of the family."""
+    return not any(drive["manoeuvre"].startswith("no drive") for drive in one["found"]["rounds"][0]["next"])
 
 
 def _settled(one, rounds):

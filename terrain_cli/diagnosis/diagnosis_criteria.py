@@ -140,7 +140,8 @@ STUCK = criterion(0.6, "sinkage over radius at which a rover is stuck")
 LEAST_POWER = criterion(
     0.75,
     "power below which a drive is not proposed",
-    "diagnosis_study, goals: of families with such a drive 65.5 % end in the right single name",
+    "diagnosis_study, goals; by the version after it, of 30 families with such a drive 73 % end in the right "
+    "single name, of 19 in which every pair has one 84 %",
 )
 MOST_POWER = criterion(
     0.99, "largest power that is stated: not only noise and other forms of a law can go wrong"
