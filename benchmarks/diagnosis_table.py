@@ -381,7 +381,8 @@ def _says_none(one):
 
 def _tells_all(one):
     """Whether the diagnosis has a drive for every pair of the family."""
-    return not any(drive["manoeuvre"].startswith("no drive") for drive in one["found"]["rounds"][0]["next"])
+    drives = one["found"]["rounds"][0]["next"]
+    return bool(drives) and not any(drive["manoeuvre"].startswith("no drive") for drive in drives)
 
 
 def _settled(one, rounds):
