@@ -288,7 +288,10 @@ def sentence_of(
     that vary so much alike that it may be theirs.
     """
     name, shown, factor = _CHANNELS[channel]
-    size = f"{_number(abs(amplitude) * factor)} {shown}"
+    hidden = seen < criteria.HIDDEN
+    size, whole = (
+        f"{_number(abs(amplitude) * part * factor)} {shown}" for part in (seen if hidden else 1.0, 1.0)
+    )
     verb = "under-predicted" if amplitude > 0.0 else "over-predicted"
     driver = named(shape.driver)
     if shape.name == "constant":
@@ -310,9 +313,8 @@ def sentence_of(
             text = f"{name} is more and more {verb} as {driver} rises: by {size} from {low} to {high}"
         if shape.name == "saturating":
             text += f", most of it in the first {_at(shape.at or 0.0, shape.driver, unit)}"
-    if seen < criteria.HIDDEN:
-        left = f"{_number(abs(amplitude) * seen * factor)} {shown}"
-        text += f"; the fitted soil takes up all but {left} of that"
+    if hidden:
+        text += f"; the fit hides the rest of {whole}"
     if alternatives:
         text += f" (or with {listed([named(other) for other in alternatives], 'or')}, which varied alike)"
     return text

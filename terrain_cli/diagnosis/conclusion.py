@@ -152,9 +152,9 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
 
 
 def _refused(found: Evidence) -> bool:
-    """Tell whether everything that was named was tried, and did not pay."""
+    """Tell whether everything that was named, if a diagnosis named any, was tried and did not pay."""
     named = found.together or found.family
-    tried = bool(named) or found.verdict == "unknown"
+    tried = bool(named) or found.verdict in {None, "unknown"}
     return bool(found.refused) and tried and {*named} <= {*found.refused}
 
 
@@ -164,11 +164,14 @@ def _unexplained(
     size = _size(above) if above else _not_random(known)
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
     command = ""
-    if found.verdict is None:
+    if found.verdict is None and found.refused:
+        # A diagnosis would propose the same again.
+        why, command = _lowered(found), _add(["--until-quiet"], asked)
+    elif found.verdict is None:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
         why, command = "a first check of the effects finds no cause", looked("diagnose", asked)
     elif _refused(found):
-        why = f"{listed(found.refused)} lowered it no more than chance may"
+        why = _lowered(found)
     elif found.closest and found.closest not in found.refused:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = _add((found.closest,), asked)
@@ -244,6 +247,10 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         cause = f"{found.family[0]} explains {part} best, but this is not certain"
         return cause, _add(found.family, asked)
     return "it follows what was recorded", looked("diagnose", asked)
+
+
+def _lowered(found: Evidence) -> str:
+    return f"{listed(found.refused)} lowered it no more than chance may"
 
 
 def looked(verb: str, asked: Asked, *further: str) -> str:

@@ -105,7 +105,7 @@ def until_quiet(
         evidence, comparison = conclusion.of_diagnosis(found, refused=refused), found.comparison
     else:
         assert last is not None  # noqa: S101 - what changed the model
-        evidence, comparison = conclusion.of_comparison(last.second, refused), last.second
+        evidence, comparison = conclusion.of_comparison(last.second), last.second
     yield Stopped(file, quiet, because, evidence, comparison)
 
 

@@ -67,7 +67,7 @@ def test_how_much_of_a_finding_shows_in_the_residuals(biased):
     left = series.measured - series.predicted
     assert 0.1 < bias.seen < 0.8
     assert np.nanmean(left) == pytest.approx(bias.seen * bias.amplitude, rel=0.1)
-    assert ("takes up" in bias.sentence) == (bias.seen < comparison_criteria.HIDDEN)
+    assert ("hides" in bias.sentence) == (bias.seen < comparison_criteria.HIDDEN)
 
 
 @pytest.mark.parametrize("name", MISFITS)

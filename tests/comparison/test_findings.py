@@ -60,9 +60,9 @@ def test_what_varied_alike_is_said():
 
 def test_what_the_soil_hides_of_it_is_said():
     text = sentence_of("torque", STEP, 0.9, "", ("time",), "1", 0.1)
-    assert "by 0.9 N m" in text
-    assert "; the fitted soil takes up all but 0.09 N m of that (or with time" in text
-    assert "takes up" not in sentence_of("torque", STEP, 0.9, "", (), "1", 0.5)
+    assert "by 0.09 N m" in text
+    assert "; the fit hides the rest of 0.9 N m (or with time" in text
+    assert "hides" not in sentence_of("torque", STEP, 0.9, "", (), "1", 0.5)
 
 
 def test_a_label_is_named():

@@ -145,6 +145,20 @@ def evidence(ratios, **known):
             id="a law that did not pay",
         ),
         pytest.param(
+            evidence(OFF, raised=True, refused=("slope",)),
+            "unexplained",
+            MISSES + "slope lowered it no more than chance may.",
+            NEW + "--until-quiet" + DATA,
+            id="scores, one was tried",
+        ),
+        pytest.param(
+            evidence(OFF, refused=("slope",)),
+            "unexplained",
+            MISSES + "slope lowered it no more than chance may.",
+            NEW + "--until-quiet" + DATA,
+            id="scores silent, one was tried",
+        ),
+        pytest.param(
             evidence(OFF, blocks=6),
             "unexplained",
             MISSES + "a first check of the effects finds no cause.",
