@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, UnknownEffect, Verdict
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
 #: Channels to be recorded that a sentence names.
@@ -109,7 +109,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         share=next((one.explained for one in found.candidates if one.effect in found.family[:1]), math.nan),
         closest=most.effect if most is not None and likely else "",
         together=found.together,
-        law=f"{law.channel} follows {law.driver}".replace("_", " ") if law and law.driver else "",
+        law=_law(law) if law else "",
         draft=draft if law else "",
         refused=refused,
         unrecorded=found.unrecorded,
@@ -117,6 +117,11 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
         points=_points(found.comparison),
     )
+
+
+def _law(law: UnknownEffect) -> str:
+    does = "is off by a constant and a factor" if law.driver == law.channel else f"follows {law.driver}"
+    return f"{law.channel} {does}".replace("_", " ") if law.driver else ""
 
 
 def _ratios(comparison: Comparison) -> dict[str, float]:

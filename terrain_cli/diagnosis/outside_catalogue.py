@@ -195,7 +195,7 @@ def verdict(
         better = "A sensor's error" if tried[0].draft.of_sensor else "A law of one driver"
         head = "No effect of the catalogue explains it" if alone else f"{better} predicts it better"
         return _told(base, tried[0], misfit, head, same), alone
-    if rival is not None:
+    if rival is not None and misfit > 0.0:
         return _told(base, rival, misfit, "A sensor's error predicts it as well"), False
     return None, False
 

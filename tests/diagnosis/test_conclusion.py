@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from terrain_cli.diagnosis.conclusion import Asked, Evidence, conclude, of_comparison
+from terrain_cli.diagnosis.conclusion import Asked, Evidence, conclude, of_comparison, of_diagnosis
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
 FILE = Asked(inputs=("run.csv",), model="rig.toml")
@@ -247,3 +247,26 @@ def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amp
         channels={"torque": torque}, failures=[finding], blocks=20, scores=None, wheels=[]
     )
     assert of_comparison(found).raised is raised
+
+
+@pytest.mark.parametrize(
+    ("channel", "driver", "law"),
+    [
+        ("drawbar_pull", "yaw_rate", "drawbar pull follows yaw rate"),
+        ("slip", "slip", "slip is off by a constant and a factor"),
+        ("torque", "", ""),
+    ],
+)
+def test_a_drafted_law_in_a_few_words(channel, driver, law):
+    found = SimpleNamespace(
+        comparison=SimpleNamespace(channels={}, blocks=20, wheels=[]),
+        alarm=SimpleNamespace(raised=True, small=False),
+        verdict="unknown",
+        unknown=SimpleNamespace(channel=channel, driver=driver),
+        family=(),
+        together=(),
+        candidates=[],
+        next_drive=[],
+        unrecorded=(),
+    )
+    assert of_diagnosis(found).law == law
