@@ -113,6 +113,7 @@ def main(arguments=None):
     lines = list(vehicle_table(found[given.section[0]]) if vehicles else table(found, planned))
     print("\n".join(lines))
     some = given.tuning or given.quick or given.only or given.number
+    some = some or any(len(ones) < planned[section] for section, ones in found.items())
     if not some and (vehicles or not given.section):
         result = VEHICLES_RESULT if vehicles else RESULT
         result.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -258,12 +258,11 @@ def _goals(found):
     yield goal(
         "next drive: family → right single name", [_settled(one, 1) for one in _open(found)], least=0.80
     )
-    told = [one for one in _open(found) if not _says_none(one)]
-    yield goal("  where it does not say that no drive tells", [_settled(one, 1) for one in told], least=0.80)
-    every = [one for one in told if _tells_all(one)]
-    yield goal(
-        "  where it recommends a drive for every pair", [_settled(one, 1) for one in every], least=0.80
-    )
+    tried = [(one["found"]["rounds"][0]["next"], _settled(one, 1)) for one in _open(found)]
+    told = [named for drives, named in tried if not any(map(_is_none, drives[:1]))]
+    yield goal("  where it does not say that no drive tells", told, least=0.80)
+    every = [named for drives, named in tried if drives and not any(map(_is_none, drives))]
+    yield goal("  where it recommends a drive for every pair", every, least=0.80)
     yield goal("effect in no catalogue: alarm", map(alarmed, outside), least=0.90)
     yield goal("  right channel and driver", map(placed, outside), least=0.85)
     yield goal("  excess error halved by the draft", map(halved, outside), least=0.85)
@@ -373,16 +372,8 @@ def _open(found):
     ]
 
 
-def _says_none(one):
-    """Whether the diagnosis says that no drive tells the family apart."""
-    drives = one["found"]["rounds"][0]["next"]
-    return bool(drives) and drives[0]["manoeuvre"].startswith("no drive")
-
-
-def _tells_all(one):
-    """Whether the diagnosis has a drive for every pair of the family."""
-    drives = one["found"]["rounds"][0]["next"]
-    return bool(drives) and not any(drive["manoeuvre"].startswith("no drive") for drive in drives)
+def _is_none(drive):
+    return drive["manoeuvre"].startswith("no drive")
 
 
 def _settled(one, rounds):

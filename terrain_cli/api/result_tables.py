@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from abc import ABC, abstractmethod
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +20,13 @@ _IN_NAMES = {"N m": "Nm"}
 _MOST_ROWS = 50
 
 
-class Result:
+class Result(ABC):
     """What the results of all commands can do."""
 
-    @cached_property
+    @property
+    @abstractmethod
     def _document(self) -> dict[str, Any]:
-        raise NotImplementedError
+        """What the text is made of."""
 
     def to_json(self) -> str:
         """Return the text that the command prints with ``--json``, or ``simulate`` writes for ``--truth``.

@@ -105,7 +105,8 @@ STANDS_FOR_SOILS = criterion(
 STEPS_SHARE = criterion(
     0.5,
     "steps of the soil must remove this share of the misfit beyond noise; the rest may come from "
-    "another missing effect, since a soil leaves little",
+    "another missing effect, since a soil leaves little; an effect that would explain more is told even "
+    "where the alarm is silent",
 )
 
 """How many are considered?"""

@@ -105,21 +105,23 @@ def screen(
         unit = QUANTITIES[changes] if changes in SENSED else "1"
         effect = effect_file.parse(_text("probe", "probe", changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
         found = next(iter(signatures.of_effects(wheel, [effect], channels, rows)))
-        if changes in read and changes in values:
-            own = values[changes] / _size(values[changes])
-            line = np.nan_to_num(np.stack([own, np.ones_like(own)], axis=1))
-            yield changes, changes, "linear", {c: t * line for c, t in found.tables.items()}
-        elif changes in SENSED:
+        if changes in SENSED and not (changes in read and changes in values):
             yield changes, "", "constant", found.tables
-        for driver, column in values.items() if changes not in read else ():
-            if driver == changes:
-                continue
-            forms = ("periodic",) if driver == ANGLE else ("step",) if _on_or_off(column) else FORMS[1:-1]
-            for form in forms if changes in shown or driver != ANGLE else ():
-                shapes = _shapes(form, column, own_offset=changes in shown)
+        for driver, column in values.items():
+            for form in _forms(changes, driver, column):
+                shapes = _shapes(form, column, own_offset=changes in SENSED)
                 if shapes is not None:
                     shapes = np.nan_to_num(shapes)
                     yield changes, driver, form, {c: t * shapes for c, t in found.tables.items()}
+
+
+def _forms(changes: str, driver: str, column: Array) -> Sequence[str]:
+    """Name the forms in which a quantity may follow a driver."""
+    if changes in _READ or driver == changes:
+        return ("linear",) if driver == changes and changes in _READ else ()
+    if driver == ANGLE:
+        return ("periodic",) if changes in SHOWN else ()
+    return ("step",) if _on_or_off(column) else FORMS[1:-1]
 
 
 def _on_or_off(column: Array) -> bool:
