@@ -1,7 +1,4 @@
-"""Files to named columns in batches, and tables to files.
-
-Knows nothing of soil. What each kind of file needs is imported when one is opened or written.
-"""
+"""Files to named columns in batches, and tables to files; libraries are imported when a kind needs them."""
 
 from __future__ import annotations
 

@@ -89,16 +89,11 @@ def piped(path: str, *, seconds: float | None = None) -> Iterator[bytes]:
 
 
 class ArrivingBytes:
-    """What arrives from one input, until it ends, until somebody asks, or until nothing more comes.
-
-    Nothing is read before it is asked for, so that a writer waits for whoever works on it.
-    """
+    """What arrives from one input, until it ends, somebody asks or nothing comes; read as it is asked for."""
 
     def __init__(self, path: str, *, stop: int, idle: float | None = None, folder: str = "") -> None:
-        """Open it; a descriptor `stop` that can be read asks to end, as do so many seconds without a byte.
-
-        Bytes of other files in a `folder` count too, though they are not read.
-        """
+        """Open it; a descriptor `stop` that can be read asks to end, as do so many seconds without a byte."""
+        # Bytes of other files in a `folder` count too, though they are not read.
         self.label = STANDARD_INPUT if path == "-" else path
         self._path, self._stop, self._idle, self._folder = path, stop, idle, folder
         #: Whether somebody asked to end.
@@ -175,10 +170,7 @@ class ArrivingBytes:
 
 @contextmanager
 def named(path: str, name: str | None = None) -> Iterator[str]:
-    """Give a file without a name one, for as long as a library needs to open it.
-
-    A path, as from `kept`, that leads to a file with a name is given back, unless `name` is another.
-    """
+    """Give a file that has no name, or shall have another, one for as long as a library needs to open it."""
     if name is None and not (path.startswith(_OPEN_FILES) and os.stat(path).st_nlink == 0):  # noqa: PTH116
         yield path
         return
@@ -194,11 +186,8 @@ def named(path: str, name: str | None = None) -> Iterator[str]:
 def kept(
     label: str, blocks: Iterable[bytes], *, most: int | None = None, stated: int | None = None
 ) -> tuple[BinaryIO, str]:
-    """Keep what can be read only once in a file that goes when it is closed, whatever ends the process.
-
-    There must be room at once for the bytes `stated`; no more than `most` are taken, or what
-    `limits.largest_copy` says. The path leads to the file as long as that is open in this process.
-    """
+    """Keep what can be read only once in a file that goes when it is closed; return it and its path."""
+    # There must be room at once for the bytes `stated`, and no more than `most` are taken.
     try:
         file = _temporary()
     except OSError as error:

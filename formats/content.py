@@ -217,10 +217,7 @@ class TextStream(io.RawIOBase):
 
 
 class SalvagedText(TextStream):
-    """The text of a file up to the last row that is surely whole.
-
-    A row without an end of line may have lost digits of its last number, so it is left out.
-    """
+    """The text of a file up to its last end of line: a row without one may have lost digits of a number."""
 
     def __init__(self, path: str, file: str) -> None:
         #: How packed data end, where they end too early.

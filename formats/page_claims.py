@@ -1,7 +1,7 @@
 """The unpacked sizes that a Parquet file states: pyarrow allocates them, whether they are true or not.
 
-Read without pyarrow, which ends the whole process where the index of a column contradicts itself.
-Footer and heads of pages are structs of Thrift's compact protocol.
+Read without pyarrow, which ends the whole process where the index of a column contradicts itself: footer
+and heads of pages are structs of Thrift's compact protocol.
 """
 
 from __future__ import annotations
@@ -32,12 +32,8 @@ _CHECKSUM = re.compile(rb"(?:\x15[\x80-\xff]{0,8}[\x00-\x7f]){4}")
 
 
 def check_pages(file: str, leaves: Collection[int] | None = None) -> bool:
-    """Refuse a file of which a page claims far more than can be packed into it.
-
-    What is damaged otherwise is passed over: pyarrow tells.
-
-    Tells whether there are pages of these columns of a row group (all if not given), each with a checksum.
-    """
+    """Refuse a file with a page that claims far more than can be in it; tell if each has a checksum."""
+    # What is damaged otherwise is passed over: pyarrow tells.
     with Path(file).open("rb", buffering=0) as stream:
         number = stream.fileno()
         whole = os.fstat(number).st_size

@@ -36,13 +36,7 @@ _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 
 
 class ParquetSource(Source):
-    """A Parquet file, or the parts of a folder in their natural order.
-
-    Columns of lists, structures and bytes are passed over; durations are read in seconds.
-
-    Folders named ``key=value`` below `path` become columns; `salvage` leaves out the parts that cannot be
-    read.
-    """
+    """A Parquet file, or the parts of a folder in natural order, with partitions ``key=value`` as columns."""
 
     def __init__(self, path: str, files: Sequence[str], *, salvage: bool = False) -> None:
         super().__init__(path, "parquet")

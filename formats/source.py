@@ -72,11 +72,7 @@ def expand(inputs: Sequence[str]) -> list[str]:
 
 
 def parts(log: str) -> list[str]:
-    """List the files of a log.
-
-    Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too; of a database
-    also what SQLite keeps beside it.
-    """
+    """List the files of a log: of a folder all but settings (.toml), of a database also what SQLite adds."""
     folder = Path(log)
     if log == "-":
         return [log]
@@ -106,10 +102,8 @@ def promised_kind(path: str) -> str | None:
 
 
 def parquet_parts(folder: Path, above: tuple[Path, ...] = ()) -> list[str]:
-    """List in natural order the files below a folder that holds nothing but Parquet; else none.
-
-    `above` are the folders it is in: a link back to one of them would never end.
-    """
+    """List in natural order the files below a folder that holds nothing but Parquet; else none."""
+    # `above` are the folders it is in: a link back to one of them would never end.
     parts: list[str] = []
     own = folder.resolve()
     if own in above or len(above) > _DEEPEST:

@@ -1,8 +1,7 @@
 """The pages of an SQLite file, read without SQLite (https://www.sqlite.org/fileformat2.html).
 
-A table is a tree of pages; its leaves hold the rows. A file that is cut off has lost pages from its
-end, and perhaps those that point at pages before them: so every page that is a leaf can be read by
-itself.
+A table is a tree of pages; its leaves hold the rows. A file that is cut off may have lost pages that point
+at those before them: so every page that is a leaf can be read by itself.
 """
 
 from __future__ import annotations
@@ -162,11 +161,7 @@ class Pages:
         return free
 
     def tree(self, root: int) -> tuple[list[int], list[int]]:
-        """Walk down from the root of a table or an index.
-
-        Returns its leaves in the order of the rows, of an index the nodes too, and the pages that should be
-        there, but are not, or are something else.
-        """
+        """Walk down a table or index: its leaves in order (of an index its nodes too), and lost pages."""
         leaves, lost = [], []
         seen: set[int] = set()
         waiting = [root]

@@ -1,7 +1,4 @@
-"""Bags: ROS 1, and MCAP and SQLite of ROS 2. The same messages give the same bytes.
-
-An MCAP file may also grow: whoever reads it has all messages so far, before it has an index.
-"""
+"""Bags: ROS 1, and MCAP, which may also grow, and SQLite of ROS 2. The same messages give the same bytes."""
 
 from __future__ import annotations
 
@@ -54,10 +51,7 @@ class Topic:
 
 
 def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
-    """Write a bag ("ros1", "mcap" or "db3"), whole or not at all.
-
-    A destination that ends in a slash is a folder, of ROS 2 only, and has its metadata.yaml.
-    """
+    """Write a bag ("ros1", "mcap" or "db3"), whole or not at all; a folder of ROS 2 ends in a slash."""
     if destination.endswith("/"):
         with _new_folder(destination) as folder:
             _write_ros2(topics, folder, kind)
@@ -144,10 +138,7 @@ class GrowingBag:
             self._writer.close()
 
     def add(self, topics: Sequence[Topic]) -> None:
-        """Write messages as a chunk of their own, which can be read at once.
-
-        A topic of a name that was there before has the same type.
-        """
+        """Write messages as a chunk of their own, which can be read at once; a topic keeps its type."""
         with explained(self._destination):
             _add(self._writer, self._store, self._store.serialize_cdr, topics)
             storage: Any = self._writer.storage

@@ -99,10 +99,8 @@ def urn(crs: str) -> str:
 
 
 def projjson(crs: str) -> dict[str, Any]:
-    """Describe a reference system as PROJJSON, in which GeoParquet states it.
-
-    WGS 84, by any of its names, is OGC:CRS84: longitude before latitude, as the coordinates are.
-    """
+    """Describe a reference system as PROJJSON, in which GeoParquet states it."""
+    # WGS 84, by any of its names, is OGC:CRS84: longitude before latitude, as the coordinates are.
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 

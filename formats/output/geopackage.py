@@ -66,13 +66,9 @@ def write_geopackage(
     crs: str | None,
     geometry: str,
 ) -> None:
-    """Write tables as the layers of a GeoPackage, by their names.
-
-    Columns of numbers that are `graduated` have a style each; QGIS shows the first unless asked for another.
-
-    Without a `crs` they are in a site frame (srs_id −1, undefined Cartesian). A layer that lacks the column
-    `geometry`, of WKT, has none. `destination` is for messages.
-    """
+    """Write tables as the layers of a GeoPackage, by their names; `destination` is for messages."""
+    # Columns that are `graduated` have a style each, of which QGIS shows the first. Without a `crs` they are
+    # in a site frame (srs_id −1, undefined Cartesian).
     system = SITE_FRAME if crs is None else "EPSG:4326" if is_wgs84(crs) else crs
     # GDAL does not write into a file that is there but empty.
     Path(path).unlink()
@@ -172,10 +168,7 @@ def classes(values: NDArray[np.float64]) -> list[tuple[float, float]]:
 
 
 def qml(column: str, values: NDArray[np.float64], kind: str) -> str | None:
-    """Write a style (QML of QGIS 3) that colours a layer by one of its columns, if that has numbers.
-
-    `kind` is "Point" or "LineString".
-    """
+    """Write a style (QML of QGIS 3) that colours points or lines by a column, if that has numbers."""
     ranges = classes(values)
     if not ranges:
         return None

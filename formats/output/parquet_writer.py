@@ -25,14 +25,9 @@ GEOMETRY = "geometry"
 
 
 def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry: str) -> None:
-    """Write a table as Parquet; empty cells are null.
-
-    A table with a column of WKT becomes GeoParquet 1.1: it gains the column `GEOMETRY` of WKB,
-    and the key ``geo`` says what that is. A reader that does not know GeoParquet still has the text.
-
-    Of the tables, which are its parts, one is held at a time. Without a `crs` it is a site frame, for which
-    GeoParquet has ``null``.
-    """
+    """Write the parts of a table, of which one is held at a time, as Parquet; empty cells are null."""
+    # With a column of WKT it becomes GeoParquet 1.1, and gains the column `GEOMETRY` of WKB: a reader that
+    # does not know it still has the text.
     extent = Extent()
     with ExitStack() as stack:
         writer = None
@@ -77,10 +72,7 @@ def _arrow(table: Table, geometry: str, extent: Extent) -> pa.Table:
 
 
 def geo_metadata(extent: Extent, crs: str | None) -> dict[str, Any]:
-    """Describe a column of geometries, as GeoParquet 1.1 has it in the key ``geo``.
-
-    See https://geoparquet.org/releases/v1.1.0/.
-    """
+    """Describe a column of geometries in the key ``geo``: https://geoparquet.org/releases/v1.1.0/."""
     column: dict[str, Any] = {
         "encoding": "WKB",
         "geometry_types": sorted(extent.kinds),

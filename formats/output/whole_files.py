@@ -166,10 +166,7 @@ def explained(path: str) -> Iterator[None]:
 
 
 def first_columns(path: str) -> list[Sequence[str]] | None:
-    """Return the first columns of each table of a file, none where it is a file of another kind.
-
-    The list is empty where a table without rows shows no columns. OSError where it cannot be read.
-    """
+    """Return the first columns of each table of a file; empty without rows, None for another kind of file."""
     with Path(path).open("rb") as file:
         head = file.read(HEAD)
     if head.startswith(b"PAR1"):

@@ -141,10 +141,7 @@ class _Arrivals(Container):
 
 
 class ArrivingBag(BagSource):
-    """A bag of which the messages are handed over as they are appended.
-
-    First `prepare` until it says that the topics are known, then `take`, as of `ArrivingRows`.
-    """
+    """Messages of a bag as they are appended: first `prepare` until the topics are known, then `take`."""
 
     counted = "messages"
     repeated = 0
@@ -182,10 +179,7 @@ class ArrivingBag(BagSource):
         return self._arrivals.full
 
     def prepare(self, data: bytes, *, hurry: bool) -> bool:  # noqa: ARG002 - the file is read in larger pieces
-        """Look for messages until the topics can be told, in a `hurry` from one message.
-
-        What was taken comes again then: what is read may have been chosen too early.
-        """
+        """Look for messages until the topics can be told, in a `hurry` from one; those taken come again."""
         self.count += self._arrivals.look()
         self._found = None
         self.__dict__.pop("_topics", None)

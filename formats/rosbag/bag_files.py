@@ -67,10 +67,7 @@ def next_part(file: Path, kind: str) -> Path | None:
 
 
 def check(path: Path, kind: str, name: str, *, salvage: bool = False) -> None:
-    """Look at both ends of a file for what can be seen without reading it.
-
-    With `salvage` what is cut off or never closed may pass.
-    """
+    """Look at both ends of a file for what shows there; `salvage` lets pass what is cut off or not closed."""
     with path.open("rb") as file:
         head = file.read(HEAD)
         size = file.seek(0, 2)
@@ -153,11 +150,7 @@ def damaged(name: str, kind: str, error: Exception) -> DamagedError:
 
 
 class Recording:
-    """The files of a bag, unpacked where they were packed as a whole.
-
-    With `salvage` it goes on where metadata.yaml is damaged, files are missing or packed data are cut off.
-    `stack` removes what was unpacked.
-    """
+    """The files of a bag, unpacked where they were packed as a whole; `stack` removes what was unpacked."""
 
     def __init__(self, path: str, kind: str, stack: ExitStack, *, salvage: bool) -> None:
         self.path, self.kind = path, kind

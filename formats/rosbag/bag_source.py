@@ -167,10 +167,7 @@ class BagSource(Source):
         self._decoders: dict[tuple[object, ...], Decoder] = {}
 
     def streams(self) -> tuple[Stream, ...]:
-        """Return the topics, in the order in which the file names them.
-
-        Types are named as in ROS 2 (``sensor_msgs/msg/Imu``), also for ROS 1.
-        """
+        """Return the topics in the order of the file; types are called as in ROS 2: sensor_msgs/msg/Imu."""
         return tuple(topic.stream for topic in self._topics.values())
 
     @cached_property
@@ -227,10 +224,8 @@ class BagSource(Source):
         return self._decoders[key]
 
     def _elements(self, topics: Mapping[str, dict[int, Decoder]]) -> dict[str, dict[str, Elements]]:
-        """Return the elements of each list in the first message of each topic, and whether they are names.
-
-        Topics that begin in one chunk are told together, so that it is unpacked once.
-        """
+        """Return the elements of each list in the first message of each topic, and whether they are names."""
+        # Topics that begin in one chunk are told together, so that it is unpacked once.
         told: dict[str, dict[str, Elements]] = {name: {} for name in topics}
         waiting = {name for name, decoders in topics.items() if any(map(_lists, decoders.values()))}
         while waiting:
@@ -258,11 +253,7 @@ class BagSource(Source):
         return {leaf.name: named for leaf, named in zip(found, elements, strict=True)}
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
-        """Read the named fields of one topic, in the order of the log times.
-
-        A name among `Field.elements` is looked up in each message; digits are a place. What a message does
-        not have is NaN, NaT or the code −1.
-        """
+        """Read the named fields of one topic, by log time; what a message does not have is NaN, NaT or −1."""
         return (batch for _, batch in self.read_together({topic: fields}, batch_rows))
 
     def read_together(

@@ -1,13 +1,11 @@
 """Fields of many messages at once, gathered with NumPy from their joined payloads.
 
-A cursor walks the definition once for all messages of a batch. Its place in a message is one
-number as long as it is the same in all of them, and an array once a text or a list has differed
-in length. Where the layout itself differs (lists of texts or of messages of unequal length,
-mixed byte orders) or anything does not add up, `UnevenError` sends the batch to the plain way,
-which also says which message is wrong.
+A cursor walks the definition once for all messages of a batch. Its place in a message is one number as long
+as it is the same in all of them, and an array once a text or a list has differed in length. Where the layout
+itself differs, or anything does not add up, `UnevenError` sends the batch to the plain way.
 
-ROS 1 packs its members without gaps. CDR aligns each number to its size, counted from the end
-of the 4-byte header; an empty list adds no gap for its elements.
+ROS 1 packs its members without gaps. CDR aligns each number to its size, counted from the end of the 4-byte
+header; an empty list adds no gap for its elements.
 """
 
 from __future__ import annotations
@@ -57,11 +55,7 @@ class _Spot:
 def gather(
     definition: Definition, messages: Messages, wanted: Sequence[tuple[Leaf, FieldRequest]]
 ) -> list[tuple[Values, bool]]:
-    """Take values from all messages at once.
-
-    What `decoder.extract` returns for the same messages, decoded, of which there is at least one;
-    UnevenError where that cannot be.
-    """
+    """Take values from all messages, one at least, as `decoder.extract` does; UnevenError if it cannot be."""
     needed = {leaf.name for leaf, _ in wanted}
     needed |= {_names_of(leaf) for leaf, request in wanted if isinstance(request.key, str)}
     cursor = _Cursor(definition, messages, needed)
@@ -69,13 +63,8 @@ def gather(
 
 
 def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
-    """Tell how the elements of lists are called, without decoding what else is in the message.
-
-    rosbags would write and compile the code that decodes the type first.
-
-    What `decoder.elements_of` returns for the same message, decoded; UnevenError where that cannot
-    be.
-    """
+    """Tell how the elements of lists are called, as `decoder.elements_of` does, or UnevenError."""
+    # Without decoding the rest: rosbags would write and compile the code for that first.
     wanted = {name for leaf in lists for name in (leaf.name, _names_of(leaf)) if name}
     cursor = _Cursor(definition, message, wanted)
     return [cursor.elements(leaf) for leaf in lists]

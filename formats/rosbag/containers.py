@@ -83,11 +83,7 @@ class Container:
             )
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        """Read the messages of some connections, file after file.
-
-        `wanted` are places in `connections`, by which they come; `size` bytes are read at a time, with 1 as
-        few as can be. In one file no message is earlier than one of its connection yielded before.
-        """
+        """Read the messages of some connections (places in `connections`), by log time within each file."""
         allowance = Allowance(sum(file.stat().st_size for file in self._recording.files))
         for reader, places in self._readers:
             chosen = [connection for connection in reader.connections if places[connection.id] in wanted]

@@ -1,7 +1,4 @@
-"""Payloads of one connection to columns: the fast way where it holds, else message by message.
-
-The latter is also the measure of the fast one.
-"""
+"""Payloads of one connection to columns: the fast way where it holds, else message by message."""
 
 from __future__ import annotations
 
@@ -81,10 +78,7 @@ class Decoder:
 
 
 class Decodable:
-    """Sets aside the messages of a damaged bag that cannot be decoded, and counts them in its recovery.
-
-    The remarks begin with what the recovery has to say, and are kept up to date.
-    """
+    """Sets aside messages of a damaged bag that cannot be decoded, and keeps recovery and remarks right."""
 
     def __init__(self, recovery: Recovery, remarks: list[str]) -> None:
         self._recovery = recovery

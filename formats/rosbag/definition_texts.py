@@ -1,12 +1,9 @@
 """Texts of message definitions before rosbags sees them, whose parser and code generator trust them.
 
-rosbags writes Python for each type and runs it, a line for each element of a list of fixed length,
-and its parser of IDL takes time that grows with 64 to the power of nested brackets. So a text is
-measured before it is parsed, and of what was parsed only checked names and numbers go on.
-
-Its parser of MSG tries every rule of the grammar at every place, which for a short bag takes longer than
-reading it: `plain_types` parses names, lists, comments and whole-number constants, and leaves all else, and
-everything that is wrong, to rosbags.
+rosbags writes Python for each type and runs it, and its parser of IDL takes time that grows with 64 to the
+power of nested brackets. So a text is measured before it is parsed, and of what was parsed only checked names
+and numbers go on. Its parser of MSG takes longer than to read a short bag: `plain_types` parses names, lists,
+comments and whole-number constants, and leaves all else, and everything that is wrong, to rosbags.
 """
 
 from __future__ import annotations
@@ -83,11 +80,7 @@ def check_idl(text: str) -> None:
 
 
 def checked(types: Typesdict) -> Typesdict:
-    """Return parsed types as code may be written from them: fields only, each name an identifier.
-
-    Constants are no part of a message, and left out. TooMuchError for a name that is none, or more of
-    something than `formats.limits` allows; ValueError where two members of one message have one name.
-    """
+    """Return parsed types as code may be written from them: no constants, and each name an identifier."""
     if len(types) > DEFINITION_TYPES:
         raise TooMuchError(f"a message definition has more than {DEFINITION_TYPES:,} types")
     elements = 0
@@ -177,11 +170,7 @@ def _measure(name: str, types: Typesdict, known: dict[str, _Extent]) -> _Extent:
 
 
 def plain_types(text: str, name: str) -> Typesdict | None:
-    """Parse a definition from `msg_text`, the first type in it of this name.
-
-    What `rosbags.typesys.get_types_from_msg` returns, without constants; None where it is for rosbags to
-    parse.
-    """
+    """Parse a definition from `msg_text`, its first type named so; None where it is for rosbags to parse."""
     types: Typesdict = {}
     lines = iter([f"MSG: {name}", *filter(None, text.split("\n"))])
     for line in lines:

@@ -122,10 +122,7 @@ def _members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
 
 
 def define(connection: Connection, *, ros1: bool) -> Definition:
-    """Find the definition of a connection's messages: in the file, else among the standard types.
-
-    UnusableError where there is none, or not one that can be used.
-    """
+    """Find the definition of a connection's messages: in the file, or a standard type; UnusableError."""
     reasons = []
     for find, origin in ((_from_file, ""), (_from_standard, "ROS 1 Noetic" if ros1 else "ROS 2 Humble")):
         try:

@@ -38,10 +38,7 @@ _WIDTH, _OBJECT, _HEADER = (
 
 
 class ArrivingRows(Source):
-    """A table of which the rows are handed over as they arrive. A row is a line; a quote ends with it.
-
-    First `prepare` until it says that the columns are known, then `take`.
-    """
+    """A table whose rows, a line each, arrive: first `prepare` until the columns are known, then `take`."""
 
     #: What is counted; no row tells that no more will come, none adds a column, and all are taken.
     counted = "rows"

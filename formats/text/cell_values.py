@@ -1,8 +1,7 @@
 """Text of cells to numbers, times and labels, in bulk; at once where nothing in a table is odd.
 
-The parser of `delimited` tells of every odd row, for which it must work through the file in one
-thread and make texts, that become numbers afterwards. Here each piece goes to a thread, which makes
-numbers of its cells while it parses.
+The parser of `delimited` tells of every odd row, for which it works in one thread and makes texts first. Here
+each piece goes to a thread, which makes numbers of its cells while it parses.
 """
 
 from __future__ import annotations
@@ -77,10 +76,7 @@ def _mostly(cells: Sequence[str], match: Callable[[str], object]) -> bool:
 
 
 def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Read cells of text as numbers, and tell where there is something that is none.
-
-    They are float64, NaN where there is none; int64 where float64 would lose digits.
-    """
+    """Read cells of text as float64, or as `exact` int64, and tell where something is no number."""
     import pyarrow.compute as pc
 
     bad = np.zeros(len(cells), dtype=bool)
@@ -101,10 +97,7 @@ def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.boo
 
 
 def floats(values: pa.Array) -> NDArray[np.float64]:
-    """Return numbers as they are, NaN where null; not to be written to.
-
-    pyarrow's own conversion imports pandas.
-    """
+    """Return numbers as they are, NaN where null, not to be written to; pyarrow's own way imports pandas."""
     data = values.buffers()[1]
     if data is None:
         return np.full(len(values), np.nan)
@@ -115,11 +108,7 @@ def floats(values: pa.Array) -> NDArray[np.float64]:
 
 
 def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
-    """Return numbers without loss of digits: float64, NaN where null, or int64.
-
-    The latter where all of what they were made of are integers, of which float64 loses digits, and none is
-    −0, which integers have not.
-    """
+    """Return float64, NaN where null; int64 where that would lose digits of integers, and none is −0."""
     import pyarrow.compute as pc
 
     rounded = floats(values)
@@ -131,10 +120,7 @@ def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
 
 
 def times(cells: pa.Array) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
-    """Read cells of text as ISO 8601 times (datetime64[ns], NaT where none), and tell where one is wrong.
-
-    Those without a zone are taken as UTC.
-    """
+    """Read cells of text as ISO 8601 times, in UTC if they have no zone, and tell where one is wrong."""
     import pyarrow.compute as pc
 
     for zone in ("UTC", None):
@@ -214,14 +200,9 @@ class OddError(Exception):
 def columns(
     stream: TextStream, delimiter: str, decimal: str, width: int, kinds: Mapping[int, pa.DataType]
 ) -> Generator[list[pa.Array], None, None]:
-    """Read some columns of the rows that a stream still has.
-
-    Of the `width` columns of the table those are read whose place is in `kinds` (float64 or string), in that
-    order, and with nothing left out so far.
-
-    OddError where a row has more or fewer cells, a cell of a number is none, float64 would lose digits of it,
-    or there are quote marks or NUL bytes. What was yielded before is right.
-    """
+    """Read those of `width` columns that are in `kinds`; before an OddError what came is right."""
+    # Odd is a row of other width, a cell that is no number or loses digits as float64, a quote mark, a NUL
+    # byte.
     names = [str(place) for place in range(width)]
     # Every spelling of a missing value is compared with every cell. Most numbers are there, or the cell is
     # empty, or a NaN, which is a number; the other spellings are looked for where that does not do.

@@ -51,14 +51,10 @@ _Findings: TypeAlias = dict[tuple[str, str], _Finding]
 
 
 class DelimitedSource(Source):
-    """A CSV, TSV or semicolon table.
+    """A CSV, TSV or semicolon table; with `salvage` one that is cut off is read up to its last whole row."""
 
-    Rows are counted as a spreadsheet does, from the first line of the file; blank lines
-    after the header are not counted. A column whose cells are all empty in the first 256 MiB
-    is one of numbers.
-
-    With `salvage` a table that is cut off in the middle of a row is read up to that row.
-    """
+    # Rows are counted as a spreadsheet does, from the first line of the file, blank ones after the header
+    # not.
 
     def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
         super().__init__(path, "csv")
@@ -256,11 +252,8 @@ class _Mending:
     def __call__(
         self, block: list[pa.Array], *, last: bool = False, cut: bool = False
     ) -> tuple[NDArray[np.int64], list[pa.Array]]:
-        """Return the numbers of the rows and their cells.
-
-        Uneven rows after the last even one of a block wait for the next, for the parser reads
-        ahead; the `last` block takes all. `cut` says that the file does not end in a newline.
-        """
+        """Return the numbers of the rows and their cells; `cut`: the file does not end in a newline."""
+        # Uneven rows behind the last even one of a block wait for the next, for the parser reads ahead.
         count = len(block[0])
         here = 0
         while here < len(self.uneven) and (last or self._number(here) - self.row - here < count):

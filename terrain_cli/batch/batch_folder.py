@@ -35,11 +35,7 @@ _STEM_BYTES = 120
 
 
 class Folder:
-    """The folder of a batch, as the manifest describes it.
-
-    Only where it is writable is it made and locked: it may be missing, or another process may be writing to
-    it.
-    """
+    """The folder of a batch, as the manifest describes it; made and locked only where it is writable."""
 
     def __init__(self, path: str, *, writable: bool = True) -> None:
         self.path = Path(path)
@@ -162,10 +158,7 @@ class Folder:
 
 
 def belongs(root: Path, file: str) -> bool:
-    """Tell whether a file has a name that a batch into a folder writes.
-
-    Links in its name are followed; what is at the end of one may belong there, or the link itself.
-    """
+    """Tell whether a file, or what its links lead to, has a name that a batch into a folder writes."""
     above, own = os.path.split(file)
     itself = Path(os.path.realpath(above), own)
     for place in (itself, Path(os.path.realpath(itself))) if itself.is_symlink() else (itself,):
@@ -185,11 +178,8 @@ def is_batch(path: str) -> bool:
 
 
 def result_name(location: str, kind: str) -> str:
-    """Return where the result of an input belongs, below the folder.
-
-    Its own name for people, and a hash of all of its location: inputs of one name in two folders have two
-    results, and none leads out of the folder.
-    """
+    """Return where the result of an input belongs, below the folder."""
+    # Its own name for people, and a hash of all of its location: none has that of another, or leads out.
     own = location.rstrip("/").rpartition("/")[2]
     readable = re.sub(r"[^\w.+=-]", "_", own, flags=re.ASCII).lstrip(".")[:_STEM_BYTES] or "input"
     digest = sha256(location.encode("utf-8", "surrogateescape")).hexdigest()[:16]

@@ -1,7 +1,4 @@
-"""The inputs that files, folders, patterns and addresses of a command line stand for.
-
-A store is s3://, gs://, https:// and whatever else fsspec knows (extra `remote`).
-"""
+"""The inputs that files, folders, patterns and addresses in stores (extra `remote`) stand for."""
 
 from __future__ import annotations
 
@@ -167,10 +164,7 @@ def _store_failure(address: str, error: Exception) -> NotFoundError:
 
 
 def discover(names: Sequence[str]) -> list[Input]:
-    """Find the inputs that names or addresses stand for, in the order given, nothing twice.
-
-    What is not there is an input with a problem. The standard input cannot be read again: UsageError.
-    """
+    """Find the inputs of some names, in their order, nothing twice; what is not there has a problem."""
     found: dict[str, Input] = {}
     for name in names:
         if name == "-":

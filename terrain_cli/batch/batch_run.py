@@ -1,8 +1,7 @@
 """A batch from its inputs to the mission table and its summary.
 
-The table is a function of what the manifest holds, whatever came before. So a batch that was killed, retried
-or done in another order ends with the same bytes: rows stand in the order of the inputs' names, each content
-once, under the first of its names.
+The table is a function of what the manifest holds: a batch that was killed, retried or done in another order
+ends with the same bytes. Rows stand in the order of the inputs' names, each content once, under its first.
 """
 
 from __future__ import annotations
@@ -219,10 +218,8 @@ def run(
     order: Order,
     report: Callable[[Tally], None] = lambda _: None,
 ) -> Tally:
-    """Do what is new or changed among inputs found under some names, and assemble the mission table.
-
-    `report` is called several times a second. Whatever ends a batch, what it has finished is kept.
-    """
+    """Do what is new or changed among inputs found under some names, and assemble the mission table."""
+    # `report` is called several times a second. Whatever ends a batch, what it has finished is kept.
     if order.settle is None and found and all(item.problem for item in found):
         raise next(item.problem for item in found if item.problem)
     with closing(Folder(directory)) as folder:

@@ -63,12 +63,10 @@ class Tally:
 
 
 class Keeper:
-    """Has done what is to be done, and writes down what became of it.
+    """Has done what is to be done, in its order, and writes down what became of it.
 
-    Inputs are begun in the order in which they are added. Of inputs with the same content the
-    first is done, and the others are marked as its duplicates: a candidate waits until the
-    contents of all earlier ones of its size are known. A content that was computed before, under
-    whatever name, is not computed again.
+    Of inputs with the same content the first is done, and the others are marked as its duplicates: a
+    candidate waits until the contents of all earlier ones of its size are known.
     """
 
     def __init__(self, folder: Folder, pool: Pool, order: Order) -> None:

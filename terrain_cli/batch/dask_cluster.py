@@ -1,9 +1,7 @@
 """Workers of Dask distributed (extra `distributed`): a cluster that users already run.
 
-The cluster reads inputs and hands back bytes; only the keeper writes. So the guarantees are those
-of one machine, and a worker that dies costs the time it has spent: the scheduler gives its task to
-another. On each worker the task runs in a process of its own, as it does on one machine, for the
-same end to its time and memory.
+The cluster reads inputs and hands back bytes; only the keeper writes. So the guarantees are those of one
+machine: a worker that dies costs the time it has spent, and each task runs in a process of its own.
 """
 
 from __future__ import annotations

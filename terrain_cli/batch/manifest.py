@@ -1,10 +1,9 @@
 """The manifest and the records it points to: two files that are only ever added to.
 
-A line of the manifest is the JSON of what became of one input. A record is an Arrow stream for each content
-and configuration: the rows of the mission table, the estimates behind them in SI units, and the account of
-the samples. It says nothing of where the input lay: that is put on when it is read, so that a file that is
-moved or copied is not computed again. One file of many records is read in one go where as many small files
-would each cost a search of the disk. Writes survive a kill, a full disk and a loss of power.
+A record is an Arrow stream for each content and configuration: the rows of the mission table, the estimates
+behind them in SI units, and the account of the samples. It says nothing of where the input lay, so that a
+file that is moved or copied is not computed again. One file of many records is read in one go. Writes survive
+a kill, a full disk and a loss of power.
 """
 
 from __future__ import annotations
@@ -36,11 +35,9 @@ Status = Literal["ok", "failed", "duplicate"]
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Have Ctrl-C, SIGTERM and SIGHUP wait until what belongs together is done.
-
-    Their handlers run in the main thread alone, whichever thread the system gives them to: a mask would
-    keep them from one thread only.
-    """
+    """Have Ctrl-C, SIGTERM and SIGHUP wait until what belongs together is done."""
+    # Handlers run in the main thread, whichever the system gives them to: a mask would keep them from one
+    # only.
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -183,11 +180,7 @@ def parse(line: bytes) -> ManifestEntry | None:
 
 
 class Manifest:
-    """The entries of a batch, in the order in which they were written.
-
-    Inputs of lines that cannot be read count as never seen. Only where it is writable is a last line that a
-    kill cut off mended.
-    """
+    """The entries of a batch, as they were written; lines that cannot be read do not count."""
 
     def __init__(self, path: Path, *, writable: bool = True) -> None:
         self._path = path
@@ -231,11 +224,7 @@ _SI = "si:"
 
 
 class Records:
-    """The file of records.
-
-    `end` is where the last record ends that the manifest knows; what follows is forgotten. Without it the
-    file is only to be read.
-    """
+    """The file of records; without the `end` of the last one that the manifest knows, only to be read."""
 
     def __init__(self, path: Path, end: int | None = None) -> None:
         self._path = path

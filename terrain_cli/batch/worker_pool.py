@@ -1,8 +1,6 @@
-"""Worker processes: one task at a time, with an end to its time and to its memory.
-
-Not concurrent.futures: there one process that the system kills takes all the others' tasks with it,
-and none can be stopped. Not multiprocessing.Process: the workers of a cluster may start none.
-"""
+"""Worker processes: one task at a time, with an end to its time and to its memory."""
+# Not concurrent.futures: there one process that the system kills takes all the others' tasks with it, and
+# none can be stopped. Not multiprocessing.Process: the workers of a cluster may start none.
 
 from __future__ import annotations
 
@@ -84,10 +82,8 @@ class Child:
         self._tell(task)
 
     def collect(self) -> Reply | None:
-        """Take what has arrived, and end a process that is out of time; None until there is a whole answer.
-
-        That a process has become ready, or died before it was, shows in `ready` and `alive`.
-        """
+        """Take what has arrived, and end a process out of time; None until there is a whole answer."""
+        # That a process has become ready, or died before it was, shows in `ready` and `alive`.
         try:
             data = self._link.recv(_BLOCK)
         except BlockingIOError:

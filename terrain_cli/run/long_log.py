@@ -86,10 +86,7 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
 
 
 def with_behind(part: Samples, usable: NDArray[np.intp]) -> tuple[Samples, int]:
-    """Return the usable samples of a part, and how many are set aside ahead of the first.
-
-    Those set aside behind each are counted among its drivers.
-    """
+    """Return the usable samples of a part with the number set aside behind each, and that ahead of all."""
     if len(usable) == len(part):
         return replace(part, drivers={**part.drivers, BEHIND: np.zeros(len(part))}), 0
     behind = np.diff(np.append(usable, len(part))) - 1.0
@@ -235,10 +232,7 @@ def cores() -> int:
 
 
 def work_beside(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
-    """Do what `long_log.work` does in another process; in this one where no other can be started.
-
-    The samples are read here. Raises what the other process raised, or TerrainError if it was killed.
-    """
+    """Do what `work` does in another process, if it can be started, and raise what that raises."""
     try:
         other = _Beside(settings)
     except OSError:

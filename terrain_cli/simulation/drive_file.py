@@ -152,10 +152,8 @@ LOADS = (80.0, 60.0, 40.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 def read(
     path: str | None, options: Mapping[str, Any], *, seed: int = 0, label: str = COMMAND_LINE
 ) -> Scenario:
-    """Read what to simulate: options, which messages call `label`, stand above the same keys of the file.
-
-    Effects, noise and rates are added to those of the file. The seed holds if neither says one.
-    """
+    """Read what to simulate: options, which messages call `label`, stand above the same keys of the file."""
+    # Effects, noise and rates are added to those of the file. The seed holds if neither says one.
     content: dict[str, Any] = {"seed": seed}
     places_of: dict[str, str] = {}
     for source, place in (

@@ -1,8 +1,5 @@
-"""From the true load and slip on the soil to the measurements of sensors without noise.
-
-The drive sets the load and the slip that the soil feels. Laws on load and slip go the other way,
-from what is measured to what is felt: here they are solved for the measured value.
-"""
+"""From the true load and slip on the soil to the measurements of sensors without noise."""
+# Laws on load and slip go from what is measured to what is felt: here they are solved for the former.
 
 from __future__ import annotations
 
@@ -110,18 +107,12 @@ class Physics:
             self.angle = np.concatenate([[0.0], np.cumsum(turns)])
 
     def at(self, time: Array) -> dict[str, Array]:
-        """Return what perfect sensors show.
-
-        Every channel, "slip" as ω and V give it (NaN where the wheel stands), "soil", and what the soil has:
-        "true_load", "true_slip", "true_sinkage".
-        """
+        """Return what perfect sensors show, slip NaN where the wheel stands, and what the soil has."""
         return self._as_shown(self._travelling(time))
 
     def _travelling(self, time: Array) -> dict[str, Array]:
-        """Return the ride and what is shown of it, as if the wheel always drove forwards, and never stood.
-
-        A standing wheel has the sinkage that it would have if it moved at the mean speed.
-        """
+        """Return the ride and what is shown of it, as if the wheel always drove forwards, and never stood."""
+        # A standing wheel has the sinkage that it would have if it moved at the mean speed.
         here = self.ride.at(time)
         still = standing(here["velocity"], self.scenario.geometry.radius)
         sign = np.where(here["velocity"] < 0.0, -1.0, 1.0)

@@ -272,12 +272,7 @@ def places(count: int) -> tuple[Place, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """A quantity over one part of a drive: it varies in time by ramps, by steps or as a swing.
-
-    It is written as a number; as a list of values, evenly spaced in time, with straight lines between; as
-    ``{ steps = [...] }``, evenly long, one after another; or as ``{ mean = …, swing = …, period = … }``,
-    smooth and never repeating.
-    """
+    """A quantity over one part of a drive: it varies in time by ramps, by steps or as a smooth swing."""
 
     form: Literal["ramps", "steps", "swing"]
     values: tuple[float, ...]  # Of the ramps or steps; of a swing its mean, its amplitude and its period in s

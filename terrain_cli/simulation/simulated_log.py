@@ -78,11 +78,7 @@ def channels(scenario: Scenario) -> tuple[str, ...]:
 
 
 def rates(scenario: Scenario, *, bag: bool) -> dict[str, float]:
-    """Return the rate of every channel in Hz.
-
-    Channels of one message of a bag share the highest rate asked for any of them; other messages are sent at
-    rates of their own.
-    """
+    """Return the rate of every channel in Hz; those of one message of a bag share the highest asked for."""
     if not bag:
         return {name: scenario.rates.get(name, scenario.rate) for name in channels(scenario)}
     found = {}
@@ -219,13 +215,11 @@ def drive(
     hide: bool = False,
     bag: bool = False,
 ) -> SimulatedLog:
-    """Simulate what a TOML file and options describe.
+    """Simulate what a TOML file and options describe; with `hide` an effect drawn at random is added.
 
-    Options are as for `drive_file.read`, and `label` is what messages call them; `bag` is as for `simulate`.
-    With `hide` an effect drawn at random is added; without a seed, by a new one. UsageError tells of an
-    option with an unknown name or an impossible value; ConfigurationError the same of the file, or of an
-    effect that needs what the drive does not have; InputError that a soil does not carry the load, that
-    effects contradict each other, or that none to be hidden shows.
+    UsageError tells of an impossible option; ConfigurationError the same of the file, or of an effect that
+    needs what the drive does not have; InputError that a soil does not carry the load, that effects
+    contradict each other, or that none to be hidden shows.
     """
     # A riddle that comes again is none.
     seed = secrets.randbits(31) if hide else 0
@@ -251,11 +245,9 @@ def table(log: SimulatedLog) -> dict[str, Array | list[str]]:
 
 
 def truth_table(log: SimulatedLog) -> dict[str, Array | list[str]]:
-    """Return the truth as one table, whose rows are those of the log.
-
-    Beside what perfect sensors show it has the soil, what that has of load, slip and sinkage ("true_…"), and
-    the parameters of the soil and of the effects.
-    """
+    """Return the truth as one table with the rows of the log."""
+    # Beside what perfect sensors show it has the soil, what that has of load, slip and sinkage ("true_…"),
+    # and the parameters of the soil and of the effects.
     names = (*channels(log.scenario), "slip", "true_load", "true_slip", "true_sinkage")
     soils = log.scenario.soils
     called = np.array([soil.name for soil in soils], dtype=object)

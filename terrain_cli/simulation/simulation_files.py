@@ -44,9 +44,8 @@ def joint(wheel: str) -> str:
 def topics(log: SimulatedLog) -> list[Topic]:
     """Return the messages of a log.
 
-    Joint states carry torque (effort, N m) and wheel speed, a WrenchStamped for each wheel load
-    (force.z) and drawbar pull (force.x), Odometry and Imu what is of the body. A Float64Stamped
-    carries any other number, in SI units, under the name of its channel.
+    Joint states carry torque (effort, N m) and wheel speed, a WrenchStamped for each wheel load (force.z) and
+    drawbar pull (force.x), Odometry and Imu what is of the body, Float64Stamped any other number in SI units.
     """
     return [*_joint_states(log), *_of_wheels(log), *_of_body(log)]
 
@@ -243,10 +242,7 @@ def write_log(log: SimulatedLog, destination: str) -> None:
 
 
 def write(log: SimulatedLog, destination: str, *, truth: str | None = None, rover: str | None = None) -> None:
-    """Write the log, simulated for a bag where it becomes one, and what belongs to it: all of them, or none.
-
-    The truth is a table where it ends in .csv or .parquet, else everything as JSON.
-    """
+    """Write all that belongs to a log, or none; the truth is a table where it ends in .csv or .parquet."""
     with ExitStack() as stack:
         if truth:
             _write_truth(log, stack.enter_context(formats.replacing(truth)))

@@ -290,10 +290,7 @@ class FollowedWheel:
         return cut, fitted
 
     def again(self, stress: CommonStress) -> list[segment_table.Table]:
-        """Return the rows of the segments that are held, each with what a fit of them all says of it.
-
-        None by an estimator of the line, to which other segments say nothing.
-        """
+        """Return the rows held, with what a fit of all their segments says; none of the line alone."""
         if not self._held:
             return []
         cut, fitted = self._fit([part for _, part in self._held], stress)

@@ -1,11 +1,10 @@
 """Whether a model still fits what arrives: control charts of its innovations.
 
 The model is fitted to the beginning of each segment. From there on, the mean residual of each second, or of
-longer where the noise lasts, is set against what the soil, known as well as the samples so far tell it,
-leaves open: a Kalman filter of a soil that does not change, about the fit. Its innovations are white if the
-model is right. Two cumulative sums for each channel (Page 1954, Biometrika 41) tell when they go on being too
-large or too small. How large a sum may become by chance follows from the rate of false alarms (Siegmund 1985,
-Sequential Analysis).
+longer where the noise lasts, is set against what the soil leaves open: a Kalman filter of a soil that does
+not change. Its innovations are white if the model is right. Two cumulative sums for each channel (Page 1954,
+Biometrika 41) tell when they go on being too large or too small, and how large one may become by chance
+follows from the rate of false alarms (Siegmund 1985, Sequential Analysis).
 """
 
 from __future__ import annotations
@@ -227,11 +226,9 @@ class SegmentWatch:
 
 
 def limit(steps: float) -> float:
-    """Return what a sum may become by chance, where all charts together make so many steps in an hour.
-
-    A one-sided sum with reference value ½ runs for 2 (eᵇ − b − 1) steps on the average until it is beyond
-    h, b = h + 1.166; two of them for half of that.
-    """
+    """Return what a sum may become by chance, where all charts together make so many steps in an hour."""
+    # A one-sided sum with reference value ½ runs for 2 (eᵇ − b − 1) steps on the average until it is beyond
+    # h, b = h + 1.166; two of them for half of that.
     length = 2.0 * steps / FALSE_ALARMS
     b = 1.0
     for _ in range(50):

@@ -83,10 +83,7 @@ def read_source(
 
 
 def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Samples] | Iterator[Samples]:
-    """Read a table of more than some rows part by part, for the line y = c + x tan φ; anything else whole.
-
-    Of what `read_source` may be asked, wheels, where and effects.
-    """
+    """Read a table of more than some rows in parts, for the line y = c + x tan φ; anything else whole."""
     request = _request(source, rover, **asked)
     timed = any(feed.channel == "time" for feed in request.layout.every_feed)
     # Steady test points belong together by their labels, wherever they stand.
@@ -100,10 +97,7 @@ def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Sa
 
 
 def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
-    """Return what makes samples of rows or messages as they arrive, asked as `read_parts`.
-
-    InputError where a row has no clock.
-    """
+    """Return what makes samples of rows or messages as they arrive; InputError where a row has no clock."""
     request = _request(source, rover, **asked)
     if is_table(source) and not any(feed.channel == "time" for feed in request.layout.every_feed):
         raise InputError(

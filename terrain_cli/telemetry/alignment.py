@@ -31,21 +31,16 @@ _LEAST = 10
 
 
 def default_gap(time: Array) -> float:
-    """Largest gap, in s, across which a channel sampled at these times (in s, increasing) is interpolated.
-
-    3.5 median intervals, at least 0.5 s: one or two lost samples are bridged, a pause is not.
-    """
+    """Largest gap (s) across which a channel sampled at these times is interpolated: a pause is not."""
     if len(time) < 2:
         return LEAST_GAP
     return max(LEAST_GAP, GAP_INTERVALS * float(np.median(np.diff(time))))
 
 
 def stretch_gap(time: Array, max_gap: float | None = None) -> float:
-    """Longest time without a sample, in s, that does not interrupt a drive.
-
-    Where samples are lost at random, what the share that is lost makes of one gap in a million; at least one
-    and a half intervals: no clock is too slow for its own samples.
-    """
+    """Longest time without a sample, in s, that does not interrupt a drive."""
+    # Where samples are lost at random, what the share that is lost makes of one gap in a million; at least
+    # one and a half intervals: no clock is too slow for its own samples.
     finite = np.isfinite(time)
     known = time if finite.all() else time[finite]
     if np.any(known[1:] <= known[:-1]):
@@ -96,11 +91,9 @@ def ascends(time: Array) -> bool:
 
 
 def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:
-    """Seconds since `origin`, whole seconds since 1970, of absolute times: rounded to 1 µs.
-
-    A clock in seconds since 1970 held in a double resolves 0.24 µs, so the same log read from a table and
-    from a bag gets the same times only after rounding.
-    """
+    """Seconds since `origin`, whole seconds since 1970, of absolute times: rounded to 1 µs."""
+    # Seconds since 1970 in a double resolve 0.24 µs: only so a table and a bag of one log have the same
+    # times.
     nanoseconds = stamps.astype("datetime64[ns]").astype(np.int64)
     missing = np.isnat(stamps)
     relative = (nanoseconds - np.int64(origin) * 1_000_000_000) * 1e-9
@@ -119,9 +112,8 @@ def check_unit_of_time(
 ) -> None:
     """Refuse a clock that is plainly not in seconds.
 
-    The times lie thousands of years away, or less than a microsecond apart, or, where the header does not say
-    what they are in (`stated`), they are whole numbers so far apart that the wheel (speed in m/s, radius in
-    m) would travel three radii between two samples.
+    The times lie thousands of years away, or less than a microsecond apart, or they are whole numbers, of no
+    `stated` unit, so far apart that the wheel would travel three radii between two samples.
     """
     # The beginning of a clock shows what it counts.
     time, speed = time[:_BEGINNING], None if speed is None else speed[:_BEGINNING]
@@ -152,12 +144,9 @@ def check_unit_of_time(
 
 
 def split_clock(time: Array) -> tuple[Index, Mask, Mask]:
-    """Find where a clock (s, NaN is passed over) restarts, steps back for a moment, or repeats itself.
-
-    A step back after which it runs forward for `_LEAST` samples, without reaching the time before, is a
-    restart; others are samples out of order. Returns the indices at which a new clock begins, and which
-    samples are out of order, or at the time of the one before.
-    """
+    """Find where a clock (s) begins anew, which samples are out of order, and which repeat a time."""
+    # A step back after which it runs forward for `_LEAST` samples, without reaching the time before, is a
+    # restart.
     backwards, repeated = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
     if np.isfinite(time).all() and (time[1:] > time[:-1]).all():
         return np.array([], dtype=np.intp), backwards, repeated

@@ -139,12 +139,9 @@ def assemble(
     checked: bool = False,
     judged: bool = True,
 ) -> Samples:
-    """Derive what was not recorded, and judge every sample of a wheel.
-
-    The raw channels are consumed: they become those of the result. Nothing may be `lacking`. `columns` are
-    further numeric ones that are kept, where they were read; `checked` says that it is a later part of a log,
-    whose units were looked at, and without `judged` they are only so far as a clock goes.
-    """
+    """Derive what was not recorded, and judge every sample of a wheel; its raw channels are consumed."""
+    # `columns` are further ones that are kept; `checked` says that it is a later part of a log, whose units
+    # were looked at, and without `judged` they are only so far as a clock goes.
     source, wheel = layout.source, wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
     geometry = Geometry(

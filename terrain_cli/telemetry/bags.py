@@ -49,11 +49,9 @@ def wheels(
     max_gap: float | None,
     clocks: TopicClocks | None = None,
 ) -> list[Raw]:
-    """Part the topics of a bag, the columns named by `fields`, into its wheels.
-
-    `choose` names the wheels to read, from the wheel labels of the messages if they have them. `clocks` were
-    told from what came before.
-    """
+    """Part the topics of a bag, the columns named by `fields`, into the wheels that `choose` names."""
+    # It is given the wheel labels of the messages, if they have them; `clocks` were told from what came
+    # before.
     whole, clocks = clocks is None, clocks or topic_clocks(tables)
     times = clocks.times(tables)
     topics = {}

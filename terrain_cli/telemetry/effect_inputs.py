@@ -30,11 +30,7 @@ _RIPPLING, _BESIDE = ("torque", "drawbar_pull", "sinkage"), ("time", "load", "sl
 
 
 def sources(name: str) -> tuple[str, ...]:
-    """Return the channels and columns, "time" among them, that a need is computed from.
-
-    It is a channel, a further column, the rate of either (``torque_rate``), the angle through which the wheel
-    has turned (``wheel_angle``), the slope of its rut (``rut_slope``, see `rates`), or a constant of it.
-    """
+    """Return the channels and columns, "time" among them, that a need is computed from."""
     if name in CHANNELS:
         return (name,)
     if name in CONSTANTS:
@@ -93,11 +89,8 @@ def _there(raw: Raw) -> set[str]:
 def drivers(
     raw: Raw, geometry: Geometry, rows: Index, stretch: Index, effects: Iterable[Effect]
 ) -> dict[str, Array]:
-    """Compute what makes a difference to the effects of a model; nothing of what they need may be `lacking`.
-
-    `rows` are the samples that can be used. Without the constants of the wheel, and without what an effect
-    only uses if it is there, and is not. NaN where not known, and outside `rows`.
-    """
+    """Compute what makes a difference to the effects of a model; NaN where not known, and outside `rows`."""
+    # What they need is there. Without what they only use, if that is not, and the constants of the wheel.
     known = {**{name: as_numbers(column) for name, column in raw.extras.items()}, **raw.channels}
     return _computed(known, raw.time, rows, stretch, geometry, effects)
 

@@ -48,8 +48,6 @@ class Excerpt:
     """Every so many pieces of the usable samples of each wheel, so many that no more than a limit are kept.
 
     The length of the log need not be known: where the limit is passed, every second piece goes.
-
-    At least half of the limit are kept, if there are more. The parts of each wheel are consecutive.
     """
 
     def __init__(self, most: int, parts: Iterable[Samples]) -> None:
@@ -141,13 +139,9 @@ def notes(samples: Sequence[Samples]) -> list[str]:
 
 
 def in_parts(request: Request, begin: list[Batch], rest: Iterable[Batch]) -> Iterator[Samples]:
-    """Yield the samples of a table part by part.
-
-    Distance, stretches, the angle of the wheel and the clock's origin go on from part to part.
-
-    The first batches are emptied. Parts come of each wheel in turn. What a person should know stands in the
-    first part of a wheel.
-    """
+    """Yield the samples of a table, whose first batches are emptied, part by part, of each wheel in turn."""
+    # Distance, stretches, the angle of the wheel and the clock's origin go on from part to part. What a
+    # person should know stands in the first part of a wheel.
     keep_freed()
     reader = PartReader(request)
     for table, first, last in _tables(begin, rest):
@@ -189,10 +183,7 @@ class PartReader:
     def topics(
         self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
     ) -> Iterator[Samples]:
-        """Yield the samples of a bag that are later than one time and not than another, in s.
-
-        `tables` are the topics, with messages on either side of these times.
-        """
+        """Yield the samples of a bag later than one time and not than another (s), of the messages about."""
         request, max_gap = self.request, self.request.rover.max_gap
         raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap, clocks)
         check(request, [raw for raw in raws if raw.wheel not in self._ends])

@@ -139,10 +139,7 @@ def _plan_bag(
 
 
 def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed]]) -> list[TopicCandidate]:
-    """Find the speeds of joints that rover.toml asks for, but the first message of a topic does not have.
-
-    They are in messages of another publisher.
-    """
+    """Find the speeds of joints that rover.toml asks for, and that another publisher sends than the first."""
     if stream.type != topic_discovery.JOINT_STATE:
         return []
     feeds = (feed for its in asked.values() for feed in its.values() if feed.topic == stream.topic)
@@ -158,11 +155,7 @@ def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed
 
 
 def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
-    """Return the name of a wheel that the data do not name.
-
-    What rover.toml calls it, the joint or topic that it asks for (by the wheels that the topics tell apart),
-    or "wheel".
-    """
+    """Name a wheel that the data do not: as rover.toml calls it, or its joint or topic, or "wheel"."""
     entries = rover.default.channels
     if "wheel" in entries and entries["wheel"].constant is not None:
         return str(entries["wheel"].constant)

@@ -1,8 +1,8 @@
 """Channels that were sampled on clocks of their own: topics of a bag, columns of a table.
 
-The times of the slowest channel are the samples, and faster ones are interpolated there: so no value is
-counted more often than it was measured. A table may have a row for every time at which anything was measured;
-an empty cell is then no lost value, if it stands between two ticks of its column's clock.
+The times of the slowest are the samples, and faster ones are interpolated there: so no value is counted
+twice. In a table with a row for every time of anything an empty cell between two ticks of its clock is no
+lost value.
 """
 
 from __future__ import annotations
@@ -57,11 +57,8 @@ class OwnClocks:
     intervals: dict[str, float]
 
     def bring(self, raw: Raw, max_gap: float | None) -> Mask:
-        """Bring the channels of a wheel, or of a part of it, to the rows of the slowest, in place.
-
-        Gaps no longer than `max_gap` (s) are bridged; a column's own intervals bound them as well. Returns
-        the samples of which a value that counts was interpolated.
-        """
+        """Bring the channels to the rows of the slowest; tell where one that counts was interpolated."""
+        # Gaps no longer than `max_gap` (s) are bridged; a column's own intervals bound them as well.
         assert raw.time is not None  # noqa: S101 - only found where there is a clock
         time, channels, bounds = raw.time, raw.channels, _pieces(raw)
         there = _filled(channels)
@@ -174,10 +171,7 @@ def _counted(measured: Collection[str]) -> list[str]:
 
 
 def slowest(times: Mapping[str, Array]) -> tuple[str, float] | None:
-    """Return the slowest of the channels (times in s) that make a sample, and its usual interval in s.
-
-    None where none is clearly slower than the usual clock, the first of `CLOCKS` among them.
-    """
+    """Return the clearly slowest of the channels (times in s) that make a sample, and its interval in s."""
     intervals = {name: _interval(times[name])[0] for name in _counted(times)}
     if not intervals:
         return None

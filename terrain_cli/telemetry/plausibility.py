@@ -166,10 +166,8 @@ def _rim(e: UnitEvidence) -> Suspicion | None:
 
 
 def _follows(e: UnitEvidence, ratio: Array) -> bool:
-    """Tell whether the torque follows a slip that seems to be above 0.89 all the time.
-
-    The shear of the soil is spent there: T/(W r) changes by less than the slip itself does.
-    """
+    """Tell whether the torque follows a slip that seems to be above 0.89 all the time."""
+    # The shear of the soil is spent there: T/(W r) changes by less than the slip itself does.
     found = e.columns("torque", "load", "angular_velocity", "velocity")
     if found is None:
         return False

@@ -119,11 +119,9 @@ def read_raw(
     batches: list[Batch] | None = None,
     topics: Mapping[str, dict[str, Column]] | None = None,
 ) -> list[Raw]:
-    """Read the channels asked for, wheel by wheel, ordered by name; those without a feed are passed over.
-
-    Only the `named` wheels are read, if any. `batches` are the columns of a table, `topics` those of the
-    topics of a bag, where they were read before.
-    """
+    """Read the channels asked for that have a feed, of the `named` wheels or all, ordered by name."""
+    # `batches` are the columns of a table, `topics` those of the topics of a bag, where they were read
+    # before.
     wanted = set(channels)
 
     def choose(labels: Labels | None) -> list[str]:

@@ -65,11 +65,7 @@ def _text(value: np.generic) -> str:
 
 
 def as_numbers(column: Column) -> Array:
-    """Return a column as numbers: texts and times, which are none, become NaN.
-
-    What is larger than anything measured is cut to a size that is still beyond all that is accepted, and
-    what is smaller is zero.
-    """
+    """Return a column as numbers, none larger or smaller than what may be; texts and times become NaN."""
     if isinstance(column, Labels):
         return _measurable(np.array([*(_number(name) for name in column.names), np.nan]))[column.codes]
     if column.dtype.kind == "M":
@@ -161,10 +157,8 @@ def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch]
 
 
 def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | None:
-    """Return the stamps of a topic's headers, if every message has one.
-
-    A stamp of zero is none, unless the others follow it within seconds: a simulated clock starts there.
-    """
+    """Return the stamps of a topic's headers, if every message has one."""
+    # A stamp of zero is none, unless the others follow it within seconds: a simulated clock starts there.
     stamp = np.array(columns[STAMP])
     missing = np.isnat(stamp)
     zero = np.datetime64(0, "ns")

@@ -48,10 +48,7 @@ class Lack(NamedTuple):
 
 
 def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict[str, str], list[Lack]]:
-    """Say how each needed channel that was not recorded can be derived, or what is missing.
-
-    So for the velocity, which no estimate needs, but some effects do.
-    """
+    """Say how needed channels not recorded, and the velocity, can be derived, and what is missing."""
     have = set(available)
     ways = {
         "load": _load(have, wheel, rover),
@@ -213,10 +210,7 @@ def header(plan: Plan, wheel: str, channel: str) -> str:
 
 
 def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
-    """Write the line that reads a channel in another unit from where it is read now.
-
-    The unit is that which what was read in SI units is in instead, and `scale` leads to it.
-    """
+    """Write the line that reads a channel in another unit: that which `scale` times what was read is in."""
     symbol, scale = _in(feed, unit, scale)
     keys = [place(feed) if feed.constant is None else f"constant = {toml_files.value(feed.constant)}"]
     keys.append(f"unit = {toml_files.value(symbol)}")

@@ -59,11 +59,8 @@ class _Rise(NamedTuple):
 
 
 def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
-    """Find the time of a table that has no column `time`, and doubt that it has none.
-
-    The plan gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
-    test points. `pairs` are its columns of whole seconds and fractions.
-    """
+    """Give the plan of a table without `time` a feed for it, a remark, or the error that it needs one."""
+    # `pairs` are its columns of whole seconds and fractions.
     source, known = plan.source, plan.shared.get("time")
     used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
     unused = [f.name for f in source.streams()[0].fields if f.name not in used]

@@ -1,8 +1,7 @@
 """Channels found in the topics of a bag without rover.toml, and the wheels that they belong to.
 
-Standard ROS messages have units, and fields that can mean only one channel. Units and axes (x forward,
-y left, z up) are those of REP 103. What a message leaves open is not guessed: the `effort` of a JointState
-may be a torque or a current, the velocity of a TwistStamped may be commanded.
+Units and axes (x forward, y left, z up) of standard messages are those of REP 103. What a message leaves open
+is not guessed: `effort` may be a torque or a current, a TwistStamped may hold what was commanded.
 """
 
 from __future__ import annotations
@@ -204,10 +203,7 @@ def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicC
 
 
 def wheels_in(candidates: Mapping[str, Sequence[TopicCandidate]], labelled: Collection[str]) -> list[str]:
-    """Name the wheels that topics or joints tell apart, by the first channel that has several.
-
-    The messages of topics that are `labelled` name their wheel.
-    """
+    """Name the wheels that topics or joints tell apart, by the first channel of several, none `labelled`."""
     for channel in OF_WHEELS:
         places = [c.places for c in candidates.get(channel, ()) if c.feed.topic not in labelled]
         if len(places) > 1 and (names := _differing(places)):
@@ -225,10 +221,7 @@ def _differing(places: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def assign(channel: str, found: Sequence[TopicCandidate], others: Iterable[str], plan: Plan) -> None:
-    """Give the feeds found for a channel to the wheels they belong to; the others are not wanted.
-
-    What none of several may be preferred for goes to `plan.doubtful`.
-    """
+    """Give the feeds found for a channel to their wheels, or to `plan.doubtful`; drop those of `others`."""
     apart = dict.fromkeys(name for name in others if match_name(name, plan.wheels) is None)
     names = [*plan.wheels, *apart]
     # What all have in common, such as the name of the rover, tells no wheel.

@@ -63,10 +63,7 @@ class UnitEvidence:
         self._step, self._skip = 1, 0
 
     def columns(self, *names: str) -> list[Array] | None:
-        """Return the samples in which each of some channels is known.
-
-        None where they are fewer than 5: a median of less says nothing.
-        """
+        """Return the samples in which each of some channels is known; None of fewer than a median needs."""
         if not all(name in self._kept for name in names):
             return None
         columns = np.array([self._kept[name] for name in names])
@@ -218,10 +215,8 @@ def _if(feed: Feed, suspicion: Suspicion) -> str:
 
 
 def pull(e: UnitEvidence) -> Suspicion | None:
-    """Set the changes of the drawbar pull against those of the torque, at the same load.
-
-    Both are the shear stress under the wheel: in a stretch of a drive the pull changes by as much as T/r.
-    """
+    """Set the changes of the drawbar pull against those of the torque, at the same load."""
+    # Both are the shear stress under the wheel: in a stretch of a drive the pull changes by as much as T/r.
     # On a slope the weight pulls too.
     moved = ("load", "pitch") if "pitch" in e.measured else ("load",)
     found = e.columns("drawbar_pull", "torque", *moved) if {"drawbar_pull", "time"} <= e.measured else None
@@ -257,10 +252,7 @@ def pull(e: UnitEvidence) -> Suspicion | None:
 
 
 def _changes(pull: Array, rim: Array, others: list[Array]) -> float | None:
-    """Return the ratio of the changes of two forces that follow each other; None where they do not.
-
-    What goes with others, such as the load, is taken out of both first.
-    """
+    """Return the ratio of the changes of two forces, less what goes with `others`, that follow each other."""
     with np.errstate(all="ignore"):
         known = np.column_stack(
             [*(column / max(np.max(np.abs(column)), 1e-300) for column in others), np.ones(len(pull))]

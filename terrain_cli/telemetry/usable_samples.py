@@ -183,11 +183,8 @@ def _kind(term: Any) -> str:
 def set_aside(
     channels: Mapping[str, Array], time: Array | None, radius: float, width: float, *, skids: bool = False
 ) -> tuple[Labels, Index]:
-    """Give each sample the first reason for which it cannot be used (else −1), and find clock restarts.
-
-    Of the channels (SI) load and slip are needed, and others used where they are there. `skids` keeps the
-    samples of a skidding wheel, which the whole model covers and the line does not.
-    """
+    """Give each sample the first reason for which it cannot be used (else −1), and find clock restarts."""
+    # `skids` keeps the samples of a skidding wheel, which the whole model covers and the line does not.
     n = len(channels["load"])
     names: list[str] = []
     codes = np.full(n, -1, dtype=np.int32)
@@ -278,14 +275,11 @@ def stretches(
     restarts: Index | None = None,
     max_gap: float,
 ) -> Index:
-    """Give each sample the number of its continuous stretch of the drive.
+    """Give each sample the number of its continuous stretch of the drive, from 0.
 
-    A new one begins with another run, a restart of the clock, and after a gap: nothing recorded, or
-    nothing usable, for longer than `max_gap`. A wheel that stands or skids does not interrupt the
-    ground under it.
-
-    Numbers rise from 0; a gap is counted at the first sample on the ground behind it. Without a clock only
-    runs count.
+    A new one begins with another run, a restart of the clock, and at the first sample on the ground after
+    nothing usable for longer than `max_gap`; a wheel that stands or skids does not interrupt the ground under
+    it.
     """
     n = len(reasons)
     begins = np.zeros(n, dtype=bool)
@@ -304,10 +298,7 @@ def stretches(
 
 
 def longest_gap(time: Array, reasons: Labels, max_gap: float | None) -> float:
-    """Return the longest time without a sample (s) that does not interrupt a drive: see `stretch_gap`.
-
-    A sample of which a value is missing is as good as none.
-    """
+    """Return the longest time (s) without a whole sample that does not interrupt a drive; `stretch_gap`."""
     missing = [code for code, name in enumerate(reasons.names) if name.startswith("no ")]
     there = time[~np.isin(reasons.codes, missing)] if missing else time
     return stretch_gap(there if len(there) > 1 else time, max_gap)

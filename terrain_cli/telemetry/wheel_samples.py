@@ -154,11 +154,9 @@ _SAME: tuple[Callable[[str, str], bool], ...] = (
 
 
 def match_name(wanted: str, names: Iterable[str]) -> str | None:
-    """Find the one name that means the same wheel.
-
-    The one that is equal but for punctuation, else has the same words, more, fewer, is written within the
-    other, or has its initials: the first of these that fits any. None if it fits several, or nothing does.
-    """
+    """Find the one name that means the same wheel; None where several do."""
+    # Equal but for punctuation, else with the same words, more, fewer, one within the other, or by its
+    # initials.
     names = [name for name in dict.fromkeys(names) if _plain(name)]
     if not _plain(wanted):
         return None

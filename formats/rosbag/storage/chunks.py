@@ -1,9 +1,8 @@
 """Messages out of the chunks of a ROS 1 bag or an MCAP file, many chunks at a time.
 
-Both formats write messages in chunks, compressed or not, and an index: for each connection the log
-time of every message and its place in the chunk. Chunks are joined until they have `RUN_BYTES`, and
-what the index says of their messages is gathered and checked with NumPy: no message is touched in
-Python.
+Both formats have chunks and an index: for each connection the log time of every message and its place in the
+chunk. Chunks are joined until they have `RUN_BYTES`, and what the index says of their messages is gathered
+and checked with NumPy: no message is touched in Python.
 """
 
 from __future__ import annotations
@@ -58,10 +57,7 @@ class Layout(Protocol):
         """Return the log times in ns and the places in the chunk of entries of an index."""
 
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
-        """Return starts and sizes of the payloads of the messages whose records begin at these places.
-
-        Raises an error, a ValueError or another, where there is no message of this connection and time.
-        """
+        """Return starts and sizes of payloads by the places of their records; any error where one differs."""
 
     def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
         """Make the index of a chunk that has none."""
@@ -82,12 +78,8 @@ def opened(file: BinaryIO | None) -> BinaryIO:
 def runs(
     file: BinaryIO, chunks: Sequence[Chunk], wanted: Collection[int], layout: Layout, size: int = RUN_BYTES
 ) -> Iterator[Run]:
-    """Read the messages of some connections, each in the order of its log times.
-
-    `wanted` are numbers of connections; chunks of `size` bytes are joined, with 1 as few as can be. No
-    message is earlier than one of its connection that was yielded before. A damaged file raises one of
-    `DAMAGE`, after what comes before the damage was yielded.
-    """
+    """Read the messages of some connections by log time, `size` bytes of chunks joined (1: few as can be)."""
+    # A damaged file raises one of `DAMAGE`, after what comes before the damage was yielded.
     chosen = sorted(
         (chunk.first, rank, chunk)
         for rank, chunk in enumerate(chunks)

@@ -1,7 +1,4 @@
-"""The SQLite files of rosbag2.
-
-Read here rather than with rosbags: its reader refuses a whole file when one of its types has
-no definition, as ROS 2 records them, and cannot open a path with ``?``, ``#`` or ``%`` in it.
+"""The SQLite files of rosbag2, which rosbags refuses where a type has no definition, or by odd paths.
 
 A recorder that goes on writing a file never has to wait. With a write-ahead log a reader locks nothing that
 a writer needs. Without one, its lock would make the next commit fail, and recorders do not try again: the

@@ -1,11 +1,7 @@
 """The messages of an SQLite file of rosbag2, straight from its pages, thousands of rows at a time.
 
-SQLite gives row after row to Python; here the leaves of the one table are decoded with NumPy. Only plain
-rows are read so; SQLite reads the payloads that go on in further pages, and whole files in which anything
-is different.
-
-https://www.sqlite.org/fileformat2.html; what pages and records are made of stands in
-`formats.sqlite_pages`.
+SQLite gives row after row to Python; here the leaves of the one table are decoded with NumPy. SQLite reads
+the payloads that go on in further pages, and whole files in which anything is not plain.
 """
 
 from __future__ import annotations
@@ -47,12 +43,9 @@ for _serial in (1, 2, 3, 4, 5, 6, 8, 9):
 
 
 class Leaves:
-    """The table of messages of one file.
+    """The plain table of messages from its `root` page on; BrokenPageError or IndexError of another."""
 
-    `root` is its first page. Its columns are id, topic_id, timestamp and data, and id is the key; `fetch`
-    returns the payload of a key, however long. BrokenPageError or IndexError where something is not plain, or
-    damaged.
-    """
+    # `fetch` returns the payload of a key, however long.
 
     def __init__(self, file: BufferedReader, root: int, fetch: Callable[[int], bytes]) -> None:
         self._file = file

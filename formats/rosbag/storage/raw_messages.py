@@ -52,11 +52,7 @@ _LZ4_AT_ONCE = 4 << 20
 
 
 def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) -> bytes:
-    """Unpack a chunk or a message ("lz4", "zstd", "bz2", "none" or "") to so many bytes at the most.
-
-    TooMuchError beyond that, or beyond `formats.limits.unpacked_limit`; ValueError where it is cut off, or
-    packed in an unknown way; of corrupt bytes one of `CORRUPT`.
-    """
+    """Unpack a chunk or a message to so many bytes at the most; TooMuchError, or one of `CORRUPT`."""
     if packing in {"", "none"}:
         return bytes(packed)
     if packing not in _MAKERS:
@@ -155,11 +151,8 @@ def collected(messages: Iterable[tuple[int, int, bytes]], size: int) -> Iterator
 
 
 def astray(times: Index) -> NDArray[np.bool_]:
-    """Tell which log times are none: far from those before and behind, which are not far from each other.
-
-    Times are in ns, in the order in which they were recorded. A clock that was set stays where it was set to:
-    its times are right.
-    """
+    """Tell which log times (ns, as recorded) are none: far from neighbours that are near each other."""
+    # A clock that was set stays where it was set to: its times are right.
     if len(times) < 3:
         return np.zeros(len(times), dtype=bool)
     # Of what damage makes of a time the difference may be beyond what integers hold.

@@ -101,11 +101,8 @@ class RecordFile(SalvagedFile):
         return self.known()
 
     def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
-        """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it.
-
-        No record before `at` is looked at again. Damage is passed over, and is in `recovery`; ValueError
-        where nothing follows it.
-        """
+        """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it."""
+        # Damage is passed over, and is in `recovery`; ValueError where nothing follows it.
         self.growing = True
         size = os.fstat(file.fileno()).st_size
         if size < len(self.data):
@@ -157,11 +154,9 @@ class RecordFile(SalvagedFile):
         checksum: int = 0,
         vouched: bool,
     ) -> None:
-        """Take the messages of the chunk that begins at a byte, its contents packed at a `place` in the file.
-
-        Checksums vouch for all, or `confirm` returns the messages that can be trusted, and whether these and
-        the index are the same. TooMuchError where all chunks together become more than a file may.
-        """
+        """Take the messages of the chunk that begins at a byte, its packed contents at a `place`."""
+        # Checksums vouch for all, or `confirm` returns the messages to be trusted, and if the index has the
+        # same.
         load = partial(self._contents, place, packing, size, checksum)
         self._allowance.take(min(size, unpacked_limit(place.stop - place.start)))
         try:

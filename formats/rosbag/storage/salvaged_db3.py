@@ -1,7 +1,7 @@
 """SQLite files of rosbag2 that are cut off or damaged: every row of every page that is there.
 
-SQLite has no checksums. A row is taken where it is one of messages in every respect, and where the
-index of the log times, as far as that is there too, does not say another time of it.
+SQLite has no checksums: a row is taken where it is one of messages in every respect, and the index of the
+log times, as far as it is there, does not contradict it.
 """
 
 from __future__ import annotations
@@ -195,10 +195,7 @@ class SalvagedDb3(SalvagedFile):
         return table[~alone]
 
     def _leaves(self, tables: dict[str, _Table]) -> tuple[dict[int, None], list[int]]:
-        """Return the pages of the table of messages, and those that perhaps are.
-
-        Where the node above a page is lost, only the page itself tells that it holds messages.
-        """
+        """Return the pages of messages, and those that may be: the node above them is lost."""
         pages = self._pages
         own, lost = pages.tree(tables["messages"][0])
         self._lost.update(lost)

@@ -1,7 +1,4 @@
-"""The readable pieces of a damaged bag.
-
-Nothing is guessed: a message is given as it was recorded, or not at all.
-"""
+"""The readable pieces of a damaged bag: a message is given as it was recorded, or not at all."""
 
 from __future__ import annotations
 
@@ -171,10 +168,7 @@ def tame(rows: Index) -> Index:
 
 
 def timeline(found: Index, kept: Index) -> list[Span | None]:
-    """Return the times (ns) of messages that follow each other, None between where some are left out.
-
-    `found` are rows of a piece in the order of the file, `kept` those of them that are kept.
-    """
+    """Return times (ns) of messages that follow each other, None where some are not `kept`."""
     right = np.isin(found[:, 2], kept[:, 2])
     edges = np.flatnonzero(np.diff(right)) + 1
     spans: list[Span | None] = []
@@ -186,10 +180,7 @@ def timeline(found: Index, kept: Index) -> list[Span | None]:
 
 
 def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
-    """Return the stretches of log time (ns) in which something was lost.
-
-    Spans are as from `timeline`, in the order of the file; `end` is when the log ended, where that is known.
-    """
+    """Return the log times (ns) between which something of `timeline` was lost, up to the `end` if known."""
     lost: list[tuple[int | None, int | None]] = []
     before: int | None = None
     waiting = False

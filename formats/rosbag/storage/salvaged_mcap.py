@@ -1,8 +1,7 @@
 """MCAP without its end, its index or some of its bytes: every chunk that is whole.
 
-Records follow each other from the first byte on (https://mcap.dev/spec), and each says how long it
-is. Where one does not add up, the next chunk is looked for. A message is taken where the checksum of
-its chunk is right; in a chunk without one, where the index behind the chunk names it too.
+Records, each with its length, follow each other (https://mcap.dev/spec); where one does not add up, the next
+chunk is looked for. A message is taken where the checksum of its chunk is right, or its index names it too.
 """
 
 from __future__ import annotations
@@ -249,11 +248,8 @@ def records(raw: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
 
 
 def _confirmed(found: Found, index: dict[int, Any], start: int, last: int) -> tuple[Index, bool]:
-    """Keep the messages that the index names at the same place and time; tell if it and they are the same.
-
-    Those of channels without an index, as the writer may leave it out or the cut takes it, must lie
-    within the times of the chunk.
-    """
+    """Keep the messages that the index names at the same place and time; tell if it and they are the same."""
+    # Those of channels without an index, which may be left out or cut off, must lie within the chunk's times.
     named = {
         channel: set(zip(entries["time"].tolist(), entries["place"].tolist(), strict=True))
         for channel, entries in index.items()

@@ -1,13 +1,9 @@
 """ROS 1 bags without their end, their index or some of their bytes: every chunk that is whole.
 
-Records follow each other from the first byte on (http://wiki.ros.org/Bags/Format/2.0): a header of
-named fields, then data, each with its length. Where one does not add up, the next chunk is looked
-for. The format has no checksums (bz2 has its own): a message is taken where the index behind its
-chunk names it too, or where there is no such index, as in the last chunk before a cut.
-
-Each connection notes a checksum beside its definition. As ``genmsg`` computes it: MD5 of the constants, then
-of the fields in their order, without comments and spaces, each message type in place of which its own
-checksum stands.
+Records follow each other (http://wiki.ros.org/Bags/Format/2.0): a header of named fields, then data, each
+with its length. Where one does not add up, the next chunk is looked for. The format has no checksums (bz2 has
+its own): a message is taken where the index behind its chunk names it too, or there is no such index, as in
+the last chunk before a cut.
 """
 
 from __future__ import annotations
@@ -258,11 +254,8 @@ class SalvagedRos1(RecordFile):
         self._end = max(self._end, record.time(b"end_time"))
 
     def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[tuple[int, ...]]:
-        """Yield messages, each a row of a piece, and where its record begins.
-
-        Then also where that of the connection just before it begins, at which some writers let the index
-        point.
-        """
+        """Yield messages as rows of a piece, where their record begins, and a connection just before it."""
+        # At the latter some writers let the index point.
         at, earlier = 0, None
         while at < len(raw):
             record = _read_record(raw, at)
@@ -306,10 +299,7 @@ class SalvagedRos1(RecordFile):
 
 
 def _settled(found: Found, index: dict[int, set[tuple[int, int]]]) -> tuple[Index, bool]:
-    """Keep the messages that the index names at the same place and time, where there is an index.
-
-    Tell too whether index and messages are the same.
-    """
+    """Keep the messages that the index, if any, names at the same place and time; tell if all agree."""
     named, unnamed = [], []
     for row in found:
         connection, time, _, _, at, earlier = row
