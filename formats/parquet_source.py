@@ -10,15 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from formats import limits
 from formats.errors import DamagedError, FormatError, NotFoundError
-from formats.limits import (
-    COLUMNS,
-    PARQUET_ROWS,
-    PARQUET_ROWS_PER_BYTE,
-    UNPACKED_RATIO,
-    TooMuchError,
-    file_limit,
-)
+from formats.limits import TooMuchError
 from formats.page_claims import check_pages
 from formats.recovery import Recovery
 from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
@@ -127,10 +121,12 @@ class ParquetSource(Source):
     def _rows_of(self, file: str, part: Any) -> int:
         """Return how many rows a part has, if that can be."""
         columns = len(part.schema)
-        if columns > COLUMNS:
-            raise FormatError(self._name(file), f"has {columns:,} columns; {COLUMNS:,} at most are read")
-        rows, most = int(part.metadata.num_rows), PARQUET_ROWS_PER_BYTE * Path(file).stat().st_size
-        if not 0 <= rows <= max(PARQUET_ROWS, most):
+        if columns > limits.COLUMNS:
+            raise FormatError(
+                self._name(file), f"has {columns:,} columns; {limits.COLUMNS:,} at most are read"
+            )
+        rows, most = int(part.metadata.num_rows), limits.PARQUET_ROWS_PER_BYTE * Path(file).stat().st_size
+        if not 0 <= rows <= max(limits.PARQUET_ROWS, most):
             raise DamagedError(
                 self._name(file), f"claims {rows:,} rows, more than a file of its size can hold", hint=_LOST
             )
@@ -139,13 +135,10 @@ class ParquetSource(Source):
     def _check(self, file: str, part: Any, stored: Sequence[str]) -> None:
         """Refuse columns that become far more than the file has, and pages that claim what cannot be."""
         size, becomes = Path(file).stat().st_size, 8 * len(stored) * int(part.metadata.num_rows)
-        if becomes > file_limit(size):
-            what = (
-                f"{len(stored)} columns of it become {becomes:,} bytes, more than {UNPACKED_RATIO} times its"
-            )
-            raise DamagedError(
-                self._name(file), f"is not read, for {what} size", hint="if that is right, save it as CSV"
-            )
+        if becomes > limits.file_limit(size):
+            more = f"more than {limits.UNPACKED_RATIO} times its size"
+            what = f"is not read, for {len(stored)} columns of it become {becomes:,} bytes, {more}"
+            raise DamagedError(self._name(file), what, hint="if that is right, save it as CSV")
         try:
             check_pages(file, _leaves(part, stored))
         except TooMuchError as error:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from rosbags.interfaces import Nodetype
 
-from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME
+from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME, members
 from formats.rosbag.storage.raw_messages import numbers_at, parts_at
 
 if TYPE_CHECKING:
@@ -70,6 +70,13 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
     return [cursor.elements(leaf) for leaf in lists]
 
 
+def called(names: Sequence[str], count: int) -> Elements:
+    """Return the names of so many elements if they fit, else their places."""
+    if names and len(names) == count == len(set(names)) and all(names):
+        return tuple(names), True
+    return tuple(map(str, range(count))), False
+
+
 def _names_of(leaf: Leaf) -> str:
     """Return the name of the texts that name the elements of a list; empty if none do."""
     if leaf.names is None:
@@ -112,7 +119,7 @@ class _Cursor:
             raise UnevenError
 
     def _message(self, type_name: str, prefix: str) -> None:
-        for name, desc in self._definition.members(type_name):
+        for name, desc in members(self._definition.types, type_name):
             if name != FILLER or self._aligned:
                 self._member(desc, prefix + name)
 
@@ -202,9 +209,7 @@ class _Cursor:
         if not isinstance(count, int):
             raise UnevenError
         texts = [self._strings(spot, None)[0] for spot in self._spots.get(_names_of(leaf), [])]
-        if texts and len(texts) == count == len(set(texts)) and all(texts):
-            return tuple(texts), True
-        return tuple(map(str, range(count))), False
+        return called(texts, count)
 
     def values(self, leaf: Leaf, request: FieldRequest) -> tuple[Values, bool]:
         """Return the column of a request, and whether any message has a value for it."""

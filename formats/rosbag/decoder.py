@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rosbags.typesys.base import normalize_fieldname
 
-from formats.rosbag.bulk_extraction import UnevenError, elements, gather
+from formats.rosbag.bulk_extraction import UnevenError, called, elements, gather
 from formats.rosbag.definitions import DURATION, FieldRequest
 from formats.table import STAMP, Labels
 
@@ -151,13 +152,10 @@ def extract(messages: Sequence[object], leaf: Leaf, request: FieldRequest) -> tu
     return column, present
 
 
-def elements_of(message: object, leaf: Leaf) -> tuple[tuple[str, ...], bool]:
+def elements_of(message: object, leaf: Leaf) -> Elements:
     """Tell how the elements of a list are called: by the names beside it if these fit (and True)."""
     values = _walk(message, leaf.path)
-    names = _names(message, values, leaf)
-    if names and len(names) == len(values) == len(set(names)) and all(names):
-        return tuple(names), True
-    return tuple(str(place) for place in range(len(values))), False
+    return called(_names(message, values, leaf), len(values))
 
 
 def labels(texts: Iterable[str | None]) -> Labels:
@@ -168,9 +166,7 @@ def labels(texts: Iterable[str | None]) -> Labels:
 
 
 def _walk(message: object, path: Path) -> Any:
-    for member in path:
-        message = getattr(message, normalize_fieldname(member))
-    return message
+    return reduce(getattr, map(normalize_fieldname, path), message)
 
 
 def _names(message: object, values: Sequence[Any], leaf: Leaf) -> list[str]:

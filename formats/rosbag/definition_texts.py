@@ -15,15 +15,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.msg import normalize_msgtype
 
-from formats.limits import (
-    DEFINITION_CHARACTERS,
-    DEFINITION_LINES,
-    DEFINITION_TYPES,
-    DEPTH,
-    FIXED_LIST,
-    LEAVES,
-    TooMuchError,
-)
+from formats import limits
+from formats.limits import LEAVES, TooMuchError
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import BaseDesc, Basename, FieldDesc, NameDesc, Typesdict
@@ -61,8 +54,8 @@ def msg_text(text: str) -> str:
     """Return a definition in the language MSG without blank lines and comments, if it is within bounds."""
     _check_length(text)
     lines = [line for line in text.split("\n") if line.strip() and not line.lstrip().startswith("#")]
-    if len(lines) > DEFINITION_LINES:
-        raise TooMuchError(f"a message definition has more than {DEFINITION_LINES:,} lines")
+    if len(lines) > limits.DEFINITION_LINES:
+        raise TooMuchError(f"a message definition has more than {limits.DEFINITION_LINES:,} lines")
     return "\n".join(lines) + "\n"
 
 
@@ -81,8 +74,8 @@ def check_idl(text: str) -> None:
 
 def checked(types: Typesdict) -> Typesdict:
     """Return parsed types as code may be written from them: no constants, and each name an identifier."""
-    if len(types) > DEFINITION_TYPES:
-        raise TooMuchError(f"a message definition has more than {DEFINITION_TYPES:,} types")
+    if len(types) > limits.DEFINITION_TYPES:
+        raise TooMuchError(f"a message definition has more than {limits.DEFINITION_TYPES:,} types")
     elements = 0
     for name, (_, fields) in types.items():
         _check_name(name, _TYPE_NAME)
@@ -103,8 +96,8 @@ def checked(types: Typesdict) -> Typesdict:
 
 
 def _check_length(text: str) -> None:
-    if len(text) > DEFINITION_CHARACTERS:
-        raise TooMuchError(f"a message definition has more than {DEFINITION_CHARACTERS:,} characters")
+    if len(text) > limits.DEFINITION_CHARACTERS:
+        raise TooMuchError(f"a message definition has more than {limits.DEFINITION_CHARACTERS:,} characters")
 
 
 def _check_name(name: str, pattern: re.Pattern[str]) -> None:
@@ -127,8 +120,8 @@ def _check_field(desc: FieldDesc) -> int:
         return 0
     if desc[0] == Nodetype.SEQUENCE:
         return 0
-    if length > FIXED_LIST:
-        raise TooMuchError(f"a list has {length:,} elements by definition; {FIXED_LIST:,} at most")
+    if length > limits.FIXED_LIST:
+        raise TooMuchError(f"a list has {length:,} elements by definition; {limits.FIXED_LIST:,} at most")
     return int(length)
 
 
@@ -163,8 +156,8 @@ def _measure(name: str, types: Typesdict, known: dict[str, _Extent]) -> _Extent:
         leaves, depth = leaves + part.leaves, max(depth, part.depth)
         if leaves > LEAVES:
             raise TooMuchError(f"a message has more than {LEAVES:,} fields")
-    if depth >= DEPTH:
-        raise TooMuchError(f"its members nest deeper than {DEPTH}")
+    if depth >= limits.DEPTH:
+        raise TooMuchError(f"its members nest deeper than {limits.DEPTH}")
     known[name] = _Extent(leaves, size, depth + 1)
     return known[name]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
@@ -42,6 +42,8 @@ BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
 #: What a message without fields is given by the ROS 2 tools: one byte that means nothing.
 FILLER = "structure_needs_at_least_one_member"
 _FILLED: tuple[str, FieldDesc] = FILLER, (Nodetype.BASE, ("uint8", 0))
+#: Between the parts of a definition.
+_BAR = "=" * 80 + "\n"
 
 Path: TypeAlias = tuple[str, ...]
 #: float64, datetime64[ns], or object (str, or None where there is none).
@@ -107,15 +109,12 @@ class Definition:
     @property
     def stamped(self) -> bool:
         """The message begins with a standard header."""
-        begins = self.members(self.type)[:1] == [("header", (Nodetype.NAME, HEADER))]
+        begins = members(self.types, self.type)[:1] == [("header", (Nodetype.NAME, HEADER))]
         return begins and STAMP in self.leaves
 
-    def members(self, type_name: str) -> list[tuple[str, FieldDesc]]:
-        """Return the names and types of a message's members."""
-        return _members(self.types, type_name)
 
-
-def _members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
+def members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
+    """Return the names and types of a message's members."""
     if type_name not in types:
         raise UnusableError(f"the definition of {type_name} is missing")
     return types[type_name][1]
@@ -158,23 +157,20 @@ def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callab
     except Exception as error:  # a damaged text makes rosbags' parser fail in any way
         raise UnusableError("its definition in the file cannot be parsed") from error
     types = {name: ([], fields or [_FILLED]) for name, (_, fields) in types.items()}
-    return types | BUILT_IN, partial(_compiled, types)
 
+    def compiled() -> Typestore:
+        # A store of its own: two connections may define one type differently.
+        store = get_typestore(Stores.EMPTY)
+        store.register({name: types[name] for name in types if name not in store.fielddefs})
+        return store
 
-def _compiled(types: Typesdict) -> Typestore:
-    # A store of its own: two connections may define one type differently.
-    store = get_typestore(Stores.EMPTY)
-    store.register({name: types[name] for name in types if name not in store.fielddefs})
-    return store
+    return types | BUILT_IN, compiled
 
 
 def _types_from_idl(text: str) -> Typesdict:
-    types: Typesdict = {}
     check_idl(text)
-    for part in text.split("=" * 80 + "\n"):
-        if part.strip():
-            types.update(get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part))
-    return types
+    parts = (part.partition("\n")[2] if part.startswith("IDL: ") else part for part in text.split(_BAR))
+    return {name: desc for part in parts if part.strip() for name, desc in get_types_from_idl(part).items()}
 
 
 def _from_standard(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:
@@ -199,9 +195,10 @@ def _leaves(types: Typesdict, type_name: str, path: Path = (), within: Path = ()
     if type_name in within:
         raise UnusableError(f"the definition of {type_name} contains itself")
     within = (*within, type_name)
-    members = _members(types, type_name)
-    texts = {name for name, desc in members if _list_of(desc, "string")}
-    for name, desc in members:
+    own = members(types, type_name)
+    lists = {name: desc[1][0] for name, desc in own if desc[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}}
+    texts = {name for name, (node, base) in lists.items() if node == Nodetype.BASE and base[0] == "string"}
+    for name, desc in own:
         here = (*path, name)
         if name == FILLER:
             continue
@@ -237,11 +234,3 @@ def _scalar(desc: FieldDesc, path: Path) -> Leaf | None:
     if base != "string" and base not in CODES:
         raise UnusableError(f"the type {base} of its member {'.'.join(path)} is not supported")
     return Leaf("text" if base == "string" else "number", base, path)
-
-
-def _list_of(desc: FieldDesc, base: str) -> bool:
-    return (
-        desc[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}
-        and desc[1][0][0] == Nodetype.BASE
-        and desc[1][0][1][0] == base
-    )

@@ -123,10 +123,6 @@ class Folder:
         """Write a file below the folder whole."""
         manifest.put(data, self.state / _NEW, self.path / name)
 
-    def publish(self, name: str) -> None:
-        """Put a file that lies ready in `state` beside the manifest."""
-        manifest.place(self.state / name, self.path / name)
-
     @property
     def assembled(self) -> bytes:
         """What the mission table in the folder was made of, as it was noted."""

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from formats.source import natural
-from terrain_cli.batch import batch_folder, batch_inputs
+from terrain_cli.batch import batch_folder, batch_inputs, manifest
 from terrain_cli.batch.batch_folder import CONFIGURATIONS, STATE, Folder
 from terrain_cli.batch.batch_inputs import Arrivals, Input
 from terrain_cli.batch.coordinator import Keeper, Tally
 from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records, decode
 from terrain_cli.batch.worker_pool import LocalPool, Pool
-from terrain_cli.batch.worker_tasks import Configuration, Order, Reply
+from terrain_cli.batch.worker_tasks import Order, Reply
 from terrain_cli.errors import InputError, TerrainError, UnfinishedError
 from terrain_cli.presentation.terminal import as_json
 
@@ -148,7 +148,11 @@ class Assemble:
             systems.add(segment_table.reference_system(table, self.crs))
             tables.append({name: table[name] for name in summary.COLUMNS})
             estimates.append(estimation.join([some for _, some, _ in block]))
-            accounts += [_sharing(told, channels) for _, _, told in block]
+            for _, _, told in block:
+                for wheel in told["wheels"]:
+                    # Held once is what takes most of an account and is the same in nearly all.
+                    wheel["channels"] = channels.setdefault(json.dumps(wheel["channels"]), wheel["channels"])
+                accounts.append(told)
         document = summary.document(
             segment_table.join(tables), estimation.join(estimates), accounts, self.settings.document()
         )
@@ -156,6 +160,8 @@ class Assemble:
 
     def _tables(self, crs: str | None) -> Iterator[Table]:
         """Read the table, some inputs at a time."""
+        import numpy as np
+
         from terrain_cli.presentation import segment_table
 
         for block in self._blocks():
@@ -165,7 +171,10 @@ class Assemble:
                 table["WKT"] = [""] * len(table["WKT"])
             yield table
         if not self.parts:
-            yield _empty(segment_table.COLUMNS)
+            yield {
+                name: [] if name in _TEXT else np.zeros(0, np.int64 if name in _WHOLE else np.float64)
+                for name in segment_table.COLUMNS
+            }
 
     def _blocks(self) -> Iterator[list[tuple[Table, WindowEstimates, dict[str, Any]]]]:
         if not self.parts:
@@ -184,22 +193,6 @@ class Assemble:
                 hint="run again with --force for this input",
             )
         return record
-
-
-def _sharing(account: dict[str, Any], channels: dict[str, dict[str, str]]) -> dict[str, Any]:
-    """Hold once what takes most of an account and is the same in nearly all: where channels are from."""
-    for wheel in account["wheels"]:
-        wheel["channels"] = channels.setdefault(json.dumps(wheel["channels"]), wheel["channels"])
-    return account
-
-
-def _empty(columns: Sequence[str]) -> Table:
-    import numpy as np
-
-    return {
-        name: [] if name in _TEXT else np.zeros(0, np.int64 if name in _WHOLE else np.float64)
-        for name in columns
-    }
 
 
 def preview(items: Sequence[Input], directory: str, order: Order) -> list[tuple[str, Input]]:
@@ -223,12 +216,16 @@ def run(
     if order.settle is None and found and all(item.problem for item in found):
         raise next(item.problem for item in found if item.problem)
     with closing(Folder(directory)) as folder:
-        _document(folder, order.configuration)
+        name = f"{CONFIGURATIONS}/{order.configuration.hash}.json"
+        if not (folder.path / name).exists():
+            folder.put(name, as_json(order.configuration.document).encode() + b"\n")
         with closing(_workers(order)) as pool:
             keeper = Keeper(folder, pool, order)
             if order.settle is None:
                 keeper.add(item for item in found if not folder.own(item.location))
-                _finish(keeper, order, report)
+                while not keeper.idle and not (order.fail_fast and keeper.tally.failures):
+                    keeper.step(_TICK)
+                    report(keeper.tally)
                 keeper.lost()
             else:
                 _watch(keeper, names, folder, order, report)
@@ -242,12 +239,6 @@ def _workers(order: Order) -> Pool:
     from terrain_cli.batch.dask_cluster import Cluster
 
     return Cluster(order.scheduler, order.timeout, order.memory)
-
-
-def _finish(keeper: Keeper, order: Order, report: Callable[[Tally], None]) -> None:
-    while not keeper.idle and not (order.fail_fast and keeper.tally.failures):
-        keeper.step(_TICK)
-        report(keeper.tally)
 
 
 def _watch(
@@ -275,12 +266,6 @@ def _watch(
         else:
             time.sleep(_TICK)
         report(keeper.tally)
-
-
-def _document(folder: Folder, configuration: Configuration) -> None:
-    name = f"{CONFIGURATIONS}/{configuration.hash}.json"
-    if not (folder.path / name).exists():
-        folder.put(name, as_json(configuration.document).encode() + b"\n")
 
 
 def _assemble(folder: Folder, order: Order) -> None:
@@ -323,5 +308,5 @@ def _assemble(folder: Folder, order: Order) -> None:
         error.exit_code = why.exit_code
         raise error
     for name in names:
-        folder.publish(name)
+        manifest.place(folder.state / name, folder.path / name)
     folder.assembled = note()

@@ -73,16 +73,32 @@ def write_all(descriptor: int, data: bytes) -> None:
         view = view[os.write(descriptor, view) :]
 
 
-def append(descriptor: int, size: int, data: bytes, path: str) -> int:
-    """Add to the end of a file of some size, all or nothing; `path` is for the message."""
-    with explained(path):
-        try:
-            write_all(descriptor, data)
-            os.fsync(descriptor)
-        except OSError:
-            os.ftruncate(descriptor, size)
-            raise
-    return len(data)
+class _GrowingFile:
+    """A file that is only ever added to, all or nothing, so that it outlasts a loss of power."""
+
+    def __init__(self, path: Path, end: int | None) -> None:
+        """Open it, and forget what follows its `end`; without one it is only to be read."""
+        self._path = str(path)
+        with explained(self._path):
+            mode = os.O_RDONLY if end is None else os.O_RDWR | os.O_CREAT | os.O_APPEND
+            self.descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            self.size = os.fstat(self.descriptor).st_size
+            if end is not None and self.size > end:
+                os.ftruncate(self.descriptor, end)
+                self.size = end
+
+    def append(self, data: bytes) -> None:
+        with explained(self._path):
+            try:
+                write_all(self.descriptor, data)
+                os.fsync(self.descriptor)
+            except OSError:
+                os.ftruncate(self.descriptor, self.size)
+                raise
+        self.size += len(data)
+
+    def close(self) -> None:
+        os.close(self.descriptor)
 
 
 def put(data: bytes, temporary: Path, target: Path) -> None:
@@ -185,35 +201,27 @@ class Manifest:
     def __init__(self, path: Path, *, writable: bool = True) -> None:
         self._path = path
         self.entries: list[ManifestEntry] = []
-        self._descriptor = -1
-        self._size = size = 0
+        size = 0
         for line in lines(path):
-            size += len(line)
             if not line.endswith(b"\n"):
                 # It was being written when the process died.
                 break
-            self._size = size
+            size += len(line)
             if entry := parse(line):
                 self.entries.append(entry)
-        if writable:
-            with explained(str(path)):
-                self._descriptor = os.open(
-                    path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
-                )
-                if self._size < size:
-                    os.ftruncate(self._descriptor, self._size)
+        self._file = _GrowingFile(path, size) if writable else None
 
     def add(self, entry: ManifestEntry) -> None:
         """Write an entry, so that it outlasts a loss of power, or nothing of it."""
-        if self._descriptor < 0:
+        if self._file is None:
             raise CannotWriteError(str(self._path), "was opened to be read")
-        self._size += append(self._descriptor, self._size, entry.line(), str(self._path))
+        self._file.append(entry.line())
         self.entries.append(entry)
 
     def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        if self._file:
+            self._file.close()
+            self._file = None
 
 
 #: Offset and bytes in the file, and the beginning of their hash.
@@ -227,19 +235,13 @@ class Records:
     """The file of records; without the `end` of the last one that the manifest knows, only to be read."""
 
     def __init__(self, path: Path, end: int | None = None) -> None:
-        self._path = path
-        with explained(str(path)):
-            mode = os.O_RDONLY if end is None else os.O_RDWR | os.O_CREAT | os.O_APPEND
-            self._descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-            self._size = os.fstat(self._descriptor).st_size
-            if end is not None and self._size > end:
-                os.ftruncate(self._descriptor, end)
-                self._size = end
+        self._file = _GrowingFile(path, end)
+        self.close = self._file.close
 
     def add(self, record: bytes) -> Pointer:
         """Add a record, so that it outlasts a loss of power; or leave the file as it was."""
-        offset = self._size
-        self._size += append(self._descriptor, offset, record, str(self._path))
+        offset = self._file.size
+        self._file.append(record)
         return offset, len(record), _digest(record)
 
     def read(self, pointer: Pointer) -> bytes | None:
@@ -247,16 +249,13 @@ class Records:
         offset, length, digest = pointer
         parts = []
         while length > 0:
-            part = os.pread(self._descriptor, length, offset)
+            part = os.pread(self._file.descriptor, length, offset)
             if not part:
                 return None
             parts.append(part)
             offset, length = offset + len(part), length - len(part)
         record = b"".join(parts)
         return record if _digest(record) == digest else None
-
-    def close(self) -> None:
-        os.close(self._descriptor)
 
 
 def _digest(record: bytes) -> str:
@@ -288,7 +287,7 @@ def decode(record: bytes, path: str) -> tuple[Table, WindowEstimates, dict[str, 
     from terrain_cli.estimation import WindowEstimates
 
     batch = pa.ipc.open_stream(record).read_next_batch()
-    own = {name: _values(batch[name]) for name in batch.schema.names}
+    own: dict[str, Any] = {name: batch[name].to_numpy(zero_copy_only=False) for name in batch.schema.names}
     table: Table = {"source": [path] * batch.num_rows}
     # Text is a list in the table, and an array in the estimates.
     table |= {
@@ -304,7 +303,3 @@ def decode(record: bytes, path: str) -> tuple[Table, WindowEstimates, dict[str, 
         }
     )
     return table, estimates, {"source": path, **json.loads(batch.schema.metadata[_ACCOUNT])}
-
-
-def _values(column: Any) -> Any:
-    return column.to_numpy(zero_copy_only=False)

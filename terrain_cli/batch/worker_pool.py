@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from multiprocessing.connection import wait
-from typing import Any, Protocol
+from typing import Protocol
 
 from terrain_cli import processes
 from terrain_cli.batch.worker_tasks import Failure, Reply, Task, failure
@@ -169,11 +169,6 @@ def _send(link: socket.socket, message: object) -> None:
     link.sendall(_HEADER.pack(len(data)) + data)
 
 
-def _receive(link: socket.socket) -> Any:
-    head = _exactly(link, _HEADER.size)
-    return pickle.loads(_exactly(link, _HEADER.unpack(head)[0]))  # noqa: S301 - of our own parent
-
-
 def _exactly(link: socket.socket, size: int) -> bytearray:
     data = bytearray()
     while len(data) < size:
@@ -197,7 +192,8 @@ def serve(link: socket.socket, parent: int, memory: int | None) -> None:
 
     _send(link, None)
     while True:
-        task = _receive(link)
+        size = _HEADER.unpack(_exactly(link, _HEADER.size))[0]
+        task: Task = pickle.loads(_exactly(link, size))  # noqa: S301 - of our own parent
         try:
             reply = task.run()
         except Exception as error:  # noqa: BLE001 - one task must not stop the rest

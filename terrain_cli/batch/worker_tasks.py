@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 FORMAT = "terrain-est/batch-configuration/1"
 _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "rosbags")
+#: Asked for before each input; to read what a package says of itself takes longer than a small log.
+_installed = cache(version)
 
 
 @dataclass(frozen=True)
@@ -112,12 +114,6 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         **{name: _installed(name) for name in _LIBRARIES},
     }
-
-
-@cache
-def _installed(library: str) -> str:
-    # Asked for before each input; to read what a package says of itself takes longer than a small log.
-    return version(library)
 
 
 @dataclass(frozen=True)

@@ -192,10 +192,6 @@ def _modulus(value: Any, place: str) -> tuple[float, float]:
     return given["value"], given.get("factor", K_FACTOR)
 
 
-def _constant(value: Any, place: str) -> Any:
-    return text(value, place) if isinstance(value, str) else _ANY(value, place)
-
-
 def _scale(value: Any, place: str) -> Any:
     # From ns to hours is 3e-13; 0 would make one value of all.
     what = "a number from 1e-15 to 1e15, or from -1e15 to -1e-15"
@@ -262,7 +258,7 @@ _ENTRY = table(
         # No list of a message is longer.
         "index": number("a whole number from 0 to 4294967295", 0, 2**32 - 1, whole=True),
         "column": text,
-        "constant": _constant,
+        "constant": lambda value, place: (text if isinstance(value, str) else _ANY)(value, place),
         "unit": text,
         "scale": _scale,
         "offset": _ANY,

@@ -215,15 +215,20 @@ class LongWheel:
                 f"wheel {self._first.wheel}: a soil that goes on is cut every {LONGEST:,} samples or so "
                 f"({self._cut} times)"
             )
-        return {
-            "wheel": self._first.wheel,
-            "samples": self._rows,
-            "used": self._used,
-            "set_aside": dict(self._reasons.most_common()),
-            "channels": self._first.origins,
-            "remarks": remarks,
-            "model": None,
-        }
+        return account(self._first, self._rows, self._used, dict(self._reasons.most_common()), remarks)
+
+
+def account(of: Samples, rows: int, used: int, reasons: dict[str, int], remarks: list[str]) -> dict[str, Any]:
+    """Say what became of the samples of a wheel, as the summary shows it."""
+    return {
+        "wheel": of.wheel,
+        "samples": rows,
+        "used": used,
+        "set_aside": reasons,
+        "channels": of.origins,
+        "remarks": remarks,
+        "model": None,
+    }
 
 
 def cores() -> int:

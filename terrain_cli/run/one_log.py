@@ -80,9 +80,11 @@ def run(
     for number, samples in enumerate(wheels):
         progress(f"wheel {samples.wheel}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
-        outcome.account["wheels"].append(_account(samples) | {"places": placed._asdict() if placed else None})
+        used = len(samples.usable)
+        told = long_log.account(samples, len(samples), used, samples.reasons(), samples.remarks)
+        outcome.account["wheels"].append(told | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(segment_table.rejects(samples))
-        if len(samples.usable) == 0:
+        if not used:
             continue
         cut = long_log.windows_of(samples, settings)
         count += len(cut)
@@ -163,18 +165,6 @@ def _of_source(source: formats.Source) -> dict[str, Any]:
         "source": source.path,
         "rows_skipped": getattr(source, "skipped", 0),
         "salvage": source.recovery.document() if source.recovery else None,
-    }
-
-
-def _account(samples: Samples) -> dict[str, Any]:
-    return {
-        "wheel": samples.wheel,
-        "samples": len(samples),
-        "used": len(samples.usable),
-        "set_aside": samples.reasons(),
-        "channels": samples.origins,
-        "remarks": samples.remarks,
-        "model": None,
     }
 
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.simulation.scenario import Place, Scenario
 from terrain_cli.simulation.sensors import generator
 from terrain_cli.telemetry.derived_channels import STANDING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from terrain_cli.simulation.scenario import Place, Scenario
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Times between the points of a course in s.
@@ -87,12 +87,6 @@ def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
     return Ride(
         place, course.time, smooth_, _soils(scenario, course, place), _passes(scenario, course, place)
     )
-
-
-def body_ride(course: Course) -> Ride:
-    """Follow the origin of the body, for what is measured there: no wheel, no soil."""
-    nothing = np.zeros(len(course.time))
-    return Ride(Place(""), course.time, course.body, nothing.astype(int), nothing)
 
 
 def standing(velocity: Array, radius: float) -> Mask:

@@ -165,7 +165,8 @@ def read(
             raise ConfigurationError(f"{place}: give one of drive and part, or drive inside a part")
         for key, value in checked.items():
             if key == "effects" and place != label:
-                value = {_beside(name, Path(place).parent): own for name, own in value.items()}  # noqa: PLW2901
+                beside = Path(place).parent
+                value = {str(beside / n) if models.is_path(n) else n: own for n, own in value.items()}  # noqa: PLW2901
             content.pop(_EITHER.get(key, ""), None)
             merged = {**content.get(key, {}), **value} if key in {"effects", "noise", "rates"} else value
             content[key], places_of[key] = merged, place
@@ -174,23 +175,20 @@ def read(
     return _scenario(content, defaultdict(lambda: label, places_of), folder)
 
 
-def _beside(name: str, folder: Path) -> str:
-    return str(folder / name) if models.is_path(name) else name
-
-
 def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path) -> Scenario:
     base, effects = _model(content, folder)
     for name, given in content.get("effects", {}).items():
         chosen = choose(name, given, f"{places_of['effects']}: effects")
         effects[chosen.effect.id] = chosen
     soil_place = f"{places_of['soil']}: soil"
+    count = (WHEELS.get(drive, 1) for drive in content.get("drive", ()))
     scenario = Scenario(
         parts=_parts(content),
         soils=tuple(find(n, content.get("soils", {}), soil_place) for n in content.get("soil", [SOIL])),
         geometry=WheelGeometry(
             **{**WHEEL, **content.get("wheel", {})}, gravity=content.get("gravity", STANDARD_GRAVITY)
         ),
-        wheels=places(content.get("wheels", _wheels(content))),
+        wheels=places(content.get("wheels", max(count, default=1))),
         load=content.get("load", LOADS[0]),
         base=base,
         effects=tuple(effects.values()),
@@ -220,10 +218,6 @@ def _model(content: Mapping[str, Any], folder: Path) -> tuple[Base, dict[str, Ch
         }
         chosen[effect.id] = settle(effect, own, name)
     return found.model.base, chosen
-
-
-def _wheels(content: Mapping[str, Any]) -> int:
-    return max((WHEELS.get(drive, 1) for drive in content.get("drive", ())), default=1)
 
 
 def _parts(content: Mapping[str, Any]) -> tuple[DrivePart, ...]:

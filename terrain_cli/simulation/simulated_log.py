@@ -11,7 +11,8 @@ import numpy as np
 from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.simulation import course, drive_file, perfect_sensors
-from terrain_cli.simulation.scenario import Chosen, Scenario, drawn
+from terrain_cli.simulation.course import Ride
+from terrain_cli.simulation.scenario import Chosen, Place, Scenario, drawn
 from terrain_cli.simulation.sensors import (
     CHANNELS_WRITTEN,
     OF_BODY,
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.simulation.course import Ride
     from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
@@ -103,7 +103,9 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
             name: _measure(scenario, place.name, name, times, truth) for name, times in clocks.items()
         }
         log.stretches[place.name] = _stretches(ride)
-    origin = course.body_ride(way)
+    # At the origin of the body there is no wheel and no soil.
+    nothing = np.zeros(len(way.time))
+    origin = Ride(Place(""), way.time, way.body, nothing.astype(int), nothing)
     for name in sorted(OF_BODY & clocks.keys()):
         log.body[name] = _measure(scenario, "", name, clocks[name], origin.at(clocks[name]))
     return log

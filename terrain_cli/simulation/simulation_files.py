@@ -152,7 +152,15 @@ def document(log: SimulatedLog) -> dict[str, Any]:
         "start_s": scenario.start,
         "duration_s": scenario.duration,
         "model": {"base": scenario.base, "effects": [_effect(chosen) for chosen in scenario.effects]},
-        "soils": {soil.name: _soil(soil, scenario) for soil in scenario.soils},
+        "soils": {
+            soil.name: {
+                "c_kPa": soil.cohesion / 1e3,
+                "phi_deg": math.degrees(soil.friction_angle),
+                **soil.values(scenario.geometry.width),
+                "reference": soil.reference,
+            }
+            for soil in scenario.soils
+        },
         "wheel": scenario.geometry._asdict(),
         "noise": {name: sensor.describe() for name, sensor in scenario.sensors.items()},
         "wheels": [
@@ -182,15 +190,6 @@ def _effect(chosen: Any) -> dict[str, Any]:
         "parameters": {
             p.name: {"value": chosen.values[p.name], "unit": p.unit} for p in chosen.effect.parameters
         },
-    }
-
-
-def _soil(soil: Any, scenario: Scenario) -> dict[str, Any]:
-    return {
-        "c_kPa": soil.cohesion / 1e3,
-        "phi_deg": math.degrees(soil.friction_angle),
-        **soil.values(scenario.geometry.width),
-        "reference": soil.reference,
     }
 
 
@@ -245,19 +244,16 @@ def write(log: SimulatedLog, destination: str, *, truth: str | None = None, rove
     """Write all that belongs to a log, or none; the truth is a table where it ends in .csv or .parquet."""
     with ExitStack() as stack:
         if truth:
-            _write_truth(log, stack.enter_context(formats.replacing(truth)))
+            temporary = stack.enter_context(formats.replacing(truth))
+            if Path(temporary).suffix.lower() in {".csv", ".parquet"}:
+                formats.write_table(logs.truth_table(log), temporary)
+            else:
+                text = json.dumps(document(log), ensure_ascii=False, indent=1, allow_nan=False)
+                Path(temporary).write_text(text + "\n", encoding="utf-8")
         if rover:
             temporary = stack.enter_context(formats.replacing(rover))
             Path(temporary).write_text(rover_text(log.scenario), encoding="utf-8")
         write_log(log, destination)
-
-
-def _write_truth(log: SimulatedLog, path: str) -> None:
-    if Path(path).suffix.lower() in {".csv", ".parquet"}:
-        formats.write_table(logs.truth_table(log), path)
-        return
-    text = json.dumps(document(log), ensure_ascii=False, indent=1, allow_nan=False)
-    Path(path).write_text(text + "\n", encoding="utf-8")
 
 
 def rover_text(scenario: Scenario) -> str:

@@ -158,7 +158,8 @@ class FollowedWheel:
         """Take the samples that follow; yield the row of each segment that they close."""
         used, ahead = with_behind(part, part.usable)
         self._segment.set_aside(ahead)
-        for begin, end in _runs(used.stretch):
+        bounds = [0, *(np.flatnonzero(np.diff(used.stretch)) + 1).tolist(), len(used)] if len(used) else []
+        for begin, end in pairwise(bounds):
             piece = used if end - begin == len(used) else used.taken(slice(begin, end))
             if self._stretch is not None and piece.stretch[0] != self._stretch:
                 yield from self.end()
@@ -356,14 +357,6 @@ class FollowedWheel:
     def soil(self) -> tuple[float, float, int]:
         """Cohesion in Pa, tan φ and the samples of the open segment, after every sample."""
         return *self._line.soil, self._segment.count
-
-
-def _runs(codes: Index) -> list[tuple[int, int]]:
-    """Return where runs of equal numbers begin and end."""
-    if not len(codes):
-        return []
-    bounds = [0, *(np.flatnonzero(codes[1:] != codes[:-1]) + 1).tolist(), len(codes)]
-    return list(pairwise(bounds))
 
 
 def _columns(piece: Samples, rows: Index, x: Array, y: Array) -> Array:

@@ -14,7 +14,7 @@ from terrain_cli.telemetry.long_logs import Excerpt, PartReader, in_parts
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.usable_samples import Condition
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Raw, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
@@ -46,17 +46,7 @@ def read(path: str, rover: Rover, *, salvage: bool = False, **options: Any) -> l
     return read_source(formats.open_source(path, salvage=salvage), rover, **options)
 
 
-def read_source(
-    source: Source,
-    rover: Rover,
-    *,
-    wheels: Collection[str] = (),
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-    compared: bool = False,
-    most: int | None = None,
-    kept: Collection[str] = (),
-) -> list[Samples]:
+def read_source(source: Source, rover: Rover, *, most: int | None = None, **asked: Any) -> list[Samples]:
     """Read the samples of some wheels (all if none is named) of an opened source, ordered by name.
 
     `effects` are those of the whole model instead of the line: their channels are read too, and the drawbar
@@ -67,9 +57,7 @@ def read_source(
     Of a table of more than `most` rows, and of a bag of more samples, only unbroken pieces are kept that are
     spread over it (`Excerpt`). A table is then never in memory as a whole.
     """
-    request = _request(
-        source, rover, wheels=wheels, where=where, effects=effects, compared=compared, kept=kept
-    )
+    request = _request(source, rover, **asked)
     begin, rest = _begun(request, most)
     if most is not None and rest is not None:
         result = Excerpt(most // 2, in_parts(request, begin, rest)).samples()
@@ -77,9 +65,7 @@ def read_source(
         result = _whole(request, begin)
         if most is not None and sum(map(len, result)) > most:
             result = Excerpt(most // 2, result).samples()
-    if not any(len(samples) for samples in result):
-        raise _nothing(request)
-    return result
+    return _some(request, result)
 
 
 def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Samples] | Iterator[Samples]:
@@ -90,10 +76,7 @@ def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Sa
     begin, rest = _begun(request, rows if timed else None)
     if rest is not None:
         return in_parts(request, begin, rest)
-    result = _whole(request, begin)
-    if not any(len(samples) for samples in result):
-        raise _nothing(request)
-    return result
+    return _some(request, _whole(request, begin))
 
 
 def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
@@ -153,8 +136,12 @@ def _begun(request: Request, rows: int | None) -> tuple[list[Batch], Iterator[Ba
 def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
     layout, rover = request.layout, request.rover
     raws = read_raw(layout, rover, request.channels, request.extras, named=request.wheels, batches=begin)
-    if request.compared:
-        _drop_empty(raws)
+    for raw in raws if request.compared else ():
+        # A model would predict it, but it was not measured.
+        for name in raw.channels.keys() & set(PREDICTED):
+            if not np.isfinite(raw.channels[name]).any():
+                del raw.channels[name]
+                raw.remarks.append(f"{name}: {raw.feeds[name]} holds no value: taken as not measured")
     check(request, raws)
     result = []
     while raws:
@@ -162,18 +149,12 @@ def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
     return result
 
 
-def _drop_empty(raws: Sequence[Raw]) -> None:
-    """Drop what a model would predict, but of which a column holds no value: it was not measured."""
-    for raw in raws:
-        for name in raw.channels.keys() & set(PREDICTED):
-            if not np.isfinite(raw.channels[name]).any():
-                del raw.channels[name]
-                raw.remarks.append(f"{name}: {raw.feeds[name]} holds no value: taken as not measured")
-
-
-def _nothing(request: Request) -> InputError:
-    where = f" where {request.where.text}" if request.where else ""
-    return InputError(f"{request.layout.source.path}: there are no samples{where}")
+def _some(request: Request, result: list[Samples]) -> list[Samples]:
+    """Return samples, of which there must be some."""
+    if not any(map(len, result)):
+        where = f" where {request.where.text}" if request.where else ""
+        raise InputError(f"{request.layout.source.path}: there are no samples{where}")
+    return result
 
 
 def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[str]]:

@@ -157,7 +157,12 @@ def assemble(
         _check_clock(source, raw, radius)
     origins = rover_advice.complete(raw, wheel, rover)
     if where is not None:
-        _keep(raw, where)
+        # The other samples are as if they had never been recorded.
+        known = {**raw.channels, **raw.labels, **raw.extras}
+        if raw.time is not None:
+            known.setdefault("time", raw.time + raw.origin)
+        nothing = np.full(len(raw), np.nan)
+        raw.select(where.holds({name: known.get(name, nothing) for name in where.names}))
     reasons, restarts = usable_samples.set_aside(
         raw.channels, raw.time, radius, width, skids=effects is not None
     )
@@ -203,9 +208,11 @@ def _check_clock(source: Source, raw: Raw, radius: float) -> None:
     speed = raw.channels.get("velocity")
     if speed is None and "angular_velocity" in raw.channels:
         speed = radius * raw.channels["angular_velocity"]
-    if speed is not None and _agrees(raw, speed):
-        # However far apart the samples are.
-        speed = None
+    if speed is not None and {"x", "y"} <= raw.channels.keys():
+        driven = derived_channels.distance_from_velocity(raw.time, speed)[-1:]
+        track = derived_channels.distance_from_track(raw.channels["x"], raw.channels["y"])[-1:]
+        # Time and velocity make the length of the track, however far apart the samples are.
+        speed = None if (driven < plausibility.MOST_DISTANCE * track).all() else speed
     header = feed.fields[0]
     alignment.check_unit_of_time(
         source.path,
@@ -215,24 +222,6 @@ def _check_clock(source: Source, raw: Raw, radius: float) -> None:
         radius=radius,
         stated=feed.unit is not CHANNELS["time"].unit or stated_unit(header, "time") is not None,
     )
-
-
-def _agrees(raw: Raw, speed: Array) -> bool:
-    """Tell whether time and velocity make the length of the track, if there is one."""
-    if raw.time is None or not {"x", "y"} <= raw.channels.keys():
-        return False
-    driven = derived_channels.distance_from_velocity(raw.time, speed)[-1:]
-    track = derived_channels.distance_from_track(raw.channels["x"], raw.channels["y"])[-1:]
-    return bool((driven < plausibility.MOST_DISTANCE * track).all())
-
-
-def _keep(raw: Raw, where: Condition) -> None:
-    """Drop the samples that do not satisfy the condition: as if they had never been recorded."""
-    known = {**raw.channels, **raw.labels, **raw.extras}
-    if raw.time is not None:
-        known.setdefault("time", raw.time + raw.origin)
-    nothing = np.full(len(raw), np.nan)
-    raw.select(where.holds({name: known.get(name, nothing) for name in where.names}))
 
 
 def _distance(raw: Raw, max_gap: float) -> Array | None:

@@ -157,7 +157,10 @@ def _wheel(
             continue
         topic = topics[feed.topic]
         values = feed.si([raw_columns.as_numbers(topic.table[f]) for f in feed.fields])
-        rows = _in_order(topic, name, _elements(feeds, feed))
+        # The elements of lists that the wheel reads of the topic, if this feed reads one.
+        elements = [f for other in feeds.values() if other.topic == feed.topic for f in other.fields]
+        listed = any("[" in f for f in feed.fields)
+        rows = _in_order(topic, name, [f for f in elements if listed and "[" in f])
         series[channel] = (
             topic.time if rows is None else topic.time[rows],
             values if rows is None else values[rows],
@@ -187,13 +190,6 @@ def _wheel(
         elif feed.constant is not None:
             raw.channels[channel] = feed.values(len(raw.time))
     return raw
-
-
-def _elements(feeds: Mapping[str, Feed], feed: Feed) -> list[str]:
-    """Return the elements of lists that a wheel reads of the topic of a feed, if that reads one."""
-    if not any("[" in f for f in feed.fields):
-        return []
-    return [f for other in feeds.values() if other.topic == feed.topic for f in other.fields if "[" in f]
 
 
 def _in_order(topic: _Topic, wheel: str, elements: Collection[str]) -> Index | None:

@@ -24,6 +24,12 @@ CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravit
 ANGLE, RUT = "wheel_angle", "rut_slope"
 #: What is told by the body, and turned where the wheel turns backwards: uphill is where it goes.
 WITH_COURSE = frozenset({"pitch", "roll"})
+#: Of what is no channel, column or rate of one.
+_SOURCES: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(CONSTANTS, ()),
+    ANGLE: ("angular_velocity", "time"),
+    RUT: ("sinkage", "velocity", "time"),
+}
 _RATE = "_rate"
 #: What shows the passing of grousers, and what it follows besides.
 _RIPPLING, _BESIDE = ("torque", "drawbar_pull", "sinkage"), ("time", "load", "slip")
@@ -31,17 +37,9 @@ _RIPPLING, _BESIDE = ("torque", "drawbar_pull", "sinkage"), ("time", "load", "sl
 
 def sources(name: str) -> tuple[str, ...]:
     """Return the channels and columns, "time" among them, that a need is computed from."""
-    if name in CHANNELS:
-        return (name,)
-    if name in CONSTANTS:
-        return ()
-    if name == ANGLE:
-        return ("angular_velocity", "time")
-    if name == RUT:
-        return ("sinkage", "velocity", "time")
-    if name.endswith(_RATE):
-        return (name.removesuffix(_RATE), "time")
-    return (name,)
+    if name in CHANNELS or not name.endswith(_RATE):
+        return _SOURCES.get(name, (name,))
+    return (name.removesuffix(_RATE), "time")
 
 
 def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
@@ -52,7 +50,9 @@ def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
 
 def lacking(raw: Raw, wheel: Wheel, effects: Iterable[Effect]) -> list[Lack]:
     """Say what is missing for the effects of a model."""
-    return _lacks(_there(raw), wheel, effects)
+    there = {*NEEDED, *raw.channels, *raw.extras, *(["time"] if raw.time is not None else [])}
+    # Slip is needed anyway, and with it ω tells V.
+    return _lacks(there | ({"velocity"} if "angular_velocity" in there else set()), wheel, effects)
 
 
 def not_read(samples: Samples, effects: Iterable[Effect]) -> list[Lack]:
@@ -78,12 +78,6 @@ def _lacks(there: set[str], wheel: Wheel | Geometry, effects: Iterable[Effect]) 
             first = next((s for s in sources(effect.any_of[0]) if s not in there), effect.any_of[0])
             lacks.append(Lack(first, because, (first,) if first in CHANNELS else ()))
     return lacks
-
-
-def _there(raw: Raw) -> set[str]:
-    there = {*NEEDED, *raw.channels, *raw.extras, *(["time"] if raw.time is not None else [])}
-    # Slip is needed anyway, and with it ω tells V.
-    return there | {"velocity"} if "angular_velocity" in there else there
 
 
 def drivers(

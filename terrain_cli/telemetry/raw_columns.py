@@ -104,17 +104,13 @@ def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str
     size, most = 0, most_held()
     for topic, batch in source.read_together(fields):
         batches[topic].append(batch)
-        size += sum(map(_bytes, batch.values()))
+        size += sum((c.codes if isinstance(c, Labels) else c).nbytes for c in batch.values())
         if size > most:
             raise InputError(
                 f"{source.path}: too long to be read whole: there is memory for {most:,} bytes of columns",
                 hint='split it, or leave out what needs every sample ("Long logs" in docs/conventions.md)',
             )
     return {topic: whole(found) if found else empty(fields[topic]) for topic, found in batches.items()}
-
-
-def _bytes(column: Column) -> int:
-    return column.codes.nbytes if isinstance(column, Labels) else column.nbytes
 
 
 def empty(fields: Sequence[str]) -> dict[str, Column]:

@@ -17,7 +17,6 @@ from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from formats import Stream
     from terrain_cli.rover import Rover, Wheel
     from terrain_cli.vocabulary.arrays import Array
 
@@ -50,11 +49,16 @@ class Lack(NamedTuple):
 def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict[str, str], list[Lack]]:
     """Say how needed channels not recorded, and the velocity, can be derived, and what is missing."""
     have = set(available)
+    missing = tuple(name for name in ("angular_velocity", "velocity") if name not in have)
     ways = {
         "load": _load(have, wheel, rover),
         "torque": _torque(have, wheel),
-        "sinkage": _sinkage(have),
-        "slip": _slip(have),
+        "sinkage": "entry angle"
+        if "entry_angle" in have
+        else Lack("sinkage", f"{NOWHERE}, nor the entry angle", ("sinkage",)),
+        "slip": Lack("slip", f"{NOWHERE}, nor {' and '.join(missing)} to derive it from", missing)
+        if missing
+        else "angular velocity and velocity",
     }
     found = {name: way for name, way in ways.items() if name not in have}
     derived = {name: way for name, way in found.items() if isinstance(way, str)}
@@ -86,19 +90,6 @@ def _torque(have: set[str], wheel: Wheel) -> str | Lack:
         because = "temperature_coefficient is not 0, and needs the temperature of the motor"
         return Lack("torque", because, ("motor_temperature",))
     return "motor current and temperature"
-
-
-def _sinkage(have: set[str]) -> str | Lack:
-    if "entry_angle" in have:
-        return "entry angle"
-    return Lack("sinkage", f"{NOWHERE}, nor the entry angle", ("sinkage",))
-
-
-def _slip(have: set[str]) -> str | Lack:
-    missing = tuple(name for name in ("angular_velocity", "velocity") if name not in have)
-    if not missing:
-        return "angular velocity and velocity"
-    return Lack("slip", f"{NOWHERE}, nor {' and '.join(missing)} to derive it from", missing)
 
 
 def settings(wheel: Wheel, rover: Rover) -> list[Lack]:
@@ -280,7 +271,12 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
             f'torque = {{ {where}, unit = "N m" }}{_one_of(names) if joint == "…" else ""}',
             f'# motor_current = {{ {where}, unit = "A" }}  # instead, if that is what effort is here',
         ]
-    free = [stream.topic for stream in streams if _is_value(stream) and not _used(plan, stream.topic)]
+    free = [
+        stream.topic
+        for stream in streams
+        if [f.name for f in stream.fields if f.kind == "number" and "header." not in f.name] == ["data"]
+        and not _used(plan, stream.topic)
+    ]
     if free:
         return [f'{channel} = {{ topic = "…", field = "data", unit = "{symbol}" }}{_one_of(free)}']
     fitting = _one_of(list(_fitting(plan, CHANNELS[channel].dimension)))
@@ -309,10 +305,6 @@ def place(feed: Feed) -> str:
             number = element[:-1].isdigit()
             text += f", index = {element[:-1]}" if number else f", name = {toml_files.value(element[:-1])}"
     return text
-
-
-def _is_value(stream: Stream) -> bool:
-    return [f.name for f in stream.fields if f.kind == "number" and "header." not in f.name] == ["data"]
 
 
 def _used(plan: Plan, topic: str) -> bool:

@@ -206,17 +206,10 @@ def wheels_in(candidates: Mapping[str, Sequence[TopicCandidate]], labelled: Coll
     """Name the wheels that topics or joints tell apart, by the first channel of several, none `labelled`."""
     for channel in OF_WHEELS:
         places = [c.places for c in candidates.get(channel, ()) if c.feed.topic not in labelled]
-        if len(places) > 1 and (names := _differing(places)):
-            return names
-    return []
-
-
-def _differing(places: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return, for each of several paths, the first part in which they all differ."""
-    for column in range(min(len(p) for p in places)):
-        parts = [p[column] for p in places]
-        if len(set(parts)) == len(parts):
-            return parts
+        for parts in zip(*places, strict=False) if len(places) > 1 else ():
+            # The first in which they all differ.
+            if len(set(parts)) == len(parts):
+                return list(parts)
     return []
 
 

@@ -86,16 +86,13 @@ class Condition:
                 if not all(type(op) in _COMPARE for op in ops):
                     raise SyntaxError
                 for term in (left, *others):
-                    self._check_term(term)
-            case _:
-                raise SyntaxError
-
-    def _check_term(self, node: ast.AST) -> None:
-        match node:
-            case ast.Name() | ast.Constant(value=int() | float() | str()):
-                pass
-            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float())):
-                pass
+                    match term:
+                        case ast.Name() | ast.Constant(value=int() | float() | str()):
+                            pass
+                        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float())):
+                            pass
+                        case _:
+                            raise SyntaxError
             case _:
                 raise SyntaxError
 

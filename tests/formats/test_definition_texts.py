@@ -88,7 +88,7 @@ def test_equal_rows_of_parquet(tmp_path):
 
 def test_columns_of_parquet(tmp_path, monkeypatch):
     path = tmp_path / "log.parquet"
-    monkeypatch.setattr("formats.parquet_source.COLUMNS", 4)
+    monkeypatch.setattr("formats.limits.COLUMNS", 4)
     pq.write_table(pa.table({f"c{k}": [1.0] for k in range(5)}), path)
     with pytest.raises(FormatError, match="has 5 columns; 4 at most are read"):
         open_source(str(path))

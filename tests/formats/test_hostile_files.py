@@ -18,7 +18,7 @@ from bags import typestore, write_ros2
 from salvage_cases import START, samples, write
 
 import formats
-from formats import limits, page_claims, parquet_source
+from formats import limits, page_claims
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.page_claims import check_pages
 from formats.rosbag import BagSource, bag_files, containers
@@ -102,8 +102,8 @@ def test_a_parquet_file_that_claims_too_many_rows(tmp_path, monkeypatch):
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"time": pa.array(np.zeros(2_000_000))}), path)
     assert formats.open_source(str(path)).streams()[0].count == 2_000_000
-    monkeypatch.setattr(parquet_source, "PARQUET_ROWS", 1000)
-    monkeypatch.setattr(parquet_source, "PARQUET_ROWS_PER_BYTE", 1)
+    monkeypatch.setattr(limits, "PARQUET_ROWS", 1000)
+    monkeypatch.setattr(limits, "PARQUET_ROWS_PER_BYTE", 1)
     with pytest.raises(DamagedError, match="claims 2,000,000 rows"):
         formats.open_source(str(path))
 

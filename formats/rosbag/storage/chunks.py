@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeAlias
 import numpy as np
 
 from formats.limits import Allowance
-from formats.rosbag.storage.raw_messages import DAMAGE, Messages
+from formats.rosbag.storage.raw_messages import DAMAGE, ORDER, Messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 RUN_BYTES = 8 << 20
 #: Decompressing in more threads than this would be faster than what is done with the messages.
 _MOST_THREADS = 4
-#: `Messages.order` of the first byte of the n-th chunk is n times this: chunks are smaller.
-_ORDER = 1 << 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,7 +167,7 @@ def _locate(
             raise ValueError("a message is longer than its chunk")
         if (times < firsts).any():
             raise ValueError("a message is earlier than its chunk")
-        run.setdefault(connection, []).append(Messages(b"", starts, sizes, times, ranks * _ORDER + places))
+        run.setdefault(connection, []).append(Messages(b"", starts, sizes, times, ranks * ORDER + places))
     return {
         connection: Messages(
             buffer,

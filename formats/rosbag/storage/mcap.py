@@ -61,16 +61,15 @@ _ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "")
 _get_msgdef = storage_mcap.get_msgdef
 
 
-def _bounded(packing: str, data: bytes, _size: int) -> bytes:
-    return unpack(data, packing)
-
-
 def _known_definition(schema: Schema | None) -> MessageDefinition:
     known = schema is None or schema.encoding in _ENCODINGS
     return _get_msgdef(schema) if known else NO_DEFINITION
 
 
-storage_mcap.DECOMPRESSORS.update({packing: partial(_bounded, packing) for packing in ("lz4", "zstd")})
+storage_mcap.DECOMPRESSORS |= {
+    "lz4": lambda data, _size: unpack(data, "lz4"),
+    "zstd": lambda data, _size: unpack(data, "zstd"),
+}
 storage_mcap.get_msgdef = _known_definition
 storage_mcap.get_qos = lru_cache(256)(storage_mcap.get_qos)
 
@@ -184,7 +183,8 @@ class McapFile(McapReader):
 
     def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
         """Make the index of a chunk that has none; see `chunks.Layout`."""
-        places = np.array(_messages(chunk), dtype=np.int64)
+        begins = [begin - RECORD for code, begin, _ in records(chunk) if code == _MESSAGE_CODE]
+        places = np.array(begins, dtype=np.int64)
         heads = parts_at(chunk, places, _HEAD.itemsize).view(_HEAD)
         found = {}
         for connection in np.unique(heads["channel"]):
@@ -199,11 +199,6 @@ def _loose(begin: int, end: int, first: int | None) -> list[Chunk]:
     if first is None:
         return []
     return [Chunk(position=begin, stored=end - begin, unpack=bytes, slow=False, first=first, index=None)]
-
-
-def _messages(chunk: bytes | memoryview) -> list[int]:
-    """Return the places of the messages among the records of a chunk."""
-    return [begin - RECORD for code, begin, _ in records(chunk) if code == _MESSAGE_CODE]
 
 
 def _contents(record: bytes | memoryview, told: ChunkInfo | None = None) -> bytes | memoryview:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 #: How ROS 2 names the languages of definitions.
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
+#: `Messages.order` of the first byte of the n-th chunk or piece is n times this: these are smaller.
+ORDER = 1 << 40
 #: A log time this far from those around it, in ns, is no time of this log.
 WILD = 3600 * 10**9
 

@@ -14,17 +14,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from formats.limits import CHUNK_BYTES, Allowance, TooMuchError, unpacked_limit
-from formats.rosbag.storage.raw_messages import CORRUPT, unpack
-from formats.rosbag.storage.salvaged_file import (
-    Piece,
-    SalvagedFile,
-    lost_between,
-    messages_of,
-    parted,
-    rows_of,
-    tame,
-    timeline,
-)
+from formats.rosbag.storage.raw_messages import CORRUPT, ORDER, WILD, Messages, of_payloads, unpack
+from formats.rosbag.storage.salvaged_file import Piece, SalvagedFile, by_connection
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -32,7 +23,6 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Connection
 
-    from formats.rosbag.storage.raw_messages import Messages
     from formats.rosbag.storage.salvaged_file import Found, Index, Row, Span
 
     #: By code and number of a record: whether a checksum vouches for it, and what it says.
@@ -289,3 +279,88 @@ def join_told(told: Told, more: Told) -> None:
     for about, said in more.items():
         before = told.setdefault(about, [])
         before += [one for one in said if one not in before[-8:]]
+
+
+def messages_of(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
+    contents = piece.load()
+    found = {}
+    for number, rows in by_connection(piece.rows[np.isin(piece.rows[:, 0], wanted)]):
+        order = rank * ORDER + rows[:, 2]
+        found[number] = Messages(contents, rows[:, 2], rows[:, 3], rows[:, 1], order).sorted()
+    return found
+
+
+def parted(
+    waiting: dict[int, list[Messages]], horizon: int | None
+) -> tuple[dict[int, Messages], dict[int, list[Messages]]]:
+    """Part messages into those before a time, and the others; the latter in buffers of their own."""
+    before: dict[int, Messages] = {}
+    others: dict[int, list[Messages]] = {}
+    for number, parts in waiting.items():
+        ready = []
+        for part in parts:
+            count = len(part) if horizon is None else int(np.searchsorted(part.times, horizon))
+            if count:
+                ready.append(part.take(slice(None, count)))
+            if count < len(part):
+                rest = part.take(slice(count, None))
+                # In a buffer of its own, so that the contents of its chunk need not be kept.
+                own = rest if len(rest.buffer) == rest.sizes.sum() else joined([rest])
+                others.setdefault(number, []).append(own)
+        if ready:
+            before[number] = ready[0] if len(ready) == 1 else joined(ready).sorted()
+    return before, others
+
+
+def joined(parts: Sequence[Messages]) -> Messages:
+    """Join messages, in the order given, in one buffer that holds nothing else."""
+    payloads = [part.payload(row) for part in parts for row in range(len(part))]
+    times, order = (np.concatenate([getattr(part, name) for part in parts]) for name in ("times", "order"))
+    return of_payloads(payloads, times, order)
+
+
+def rows_of(found: Found) -> Index:
+    """Return the table of a piece as `Piece.rows` has it; times beyond the year 2262 are left out."""
+    return np.array([row[:4] for row in found if 0 <= row[1] < 2**63], dtype=np.int64).reshape(-1, 4)
+
+
+def tame(rows: Index) -> Index:
+    """Leave out the messages, rows of a piece, whose time is far from that of the others."""
+    if not len(rows):
+        return rows
+    return np.asarray(rows[np.abs(rows[:, 1] - int(np.median(rows[:, 1]))) <= WILD])
+
+
+def timeline(found: Index, kept: Index) -> list[Span | None]:
+    """Return times (ns) of messages that follow each other, None where some are not `kept`."""
+    right = np.isin(found[:, 2], kept[:, 2])
+    edges = np.flatnonzero(np.diff(right)) + 1
+    spans: list[Span | None] = []
+    for part in np.split(np.arange(len(found)), edges):
+        if len(part):
+            times = found[part, 1]
+            spans.append((int(times.min()), int(times.max())) if right[part[0]] else None)
+    return spans
+
+
+def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
+    """Return the log times (ns) between which something of `timeline` was lost, up to the `end` if known."""
+    lost: list[tuple[int | None, int | None]] = []
+    before: int | None = None
+    waiting = False
+    for span in spans:
+        if span is None:
+            waiting = True
+            continue
+        first, last = span
+        if waiting:
+            after = first if before is None else max(first, before)
+            if lost and lost[-1][1] == before is not None:
+                lost[-1] = lost[-1][0], after
+            else:
+                lost.append((before, after))
+            waiting = False
+        before = last if before is None else max(before, last)
+    if waiting:
+        lost.append((before, max(end, before) if end is not None and before is not None else end))
+    return lost

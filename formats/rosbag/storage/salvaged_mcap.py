@@ -15,9 +15,9 @@ import numpy as np
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from formats.limits import CHUNK_BYTES
+from formats.rosbag.storage import record_file
 from formats.rosbag.storage.raw_messages import FORMATS, ros2_connection
 from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
-from formats.rosbag.storage.salvaged_file import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -92,7 +92,8 @@ class SalvagedMcap(RecordFile):
         if code in {_SCHEMA, _CHANNEL}:
             _note(self.told, code, self.data[begin:end], vouched=False)
         elif code == _MESSAGE:
-            self._message(begin, end)
+            # No checksum and no index vouches for it.
+            self.take_loose(_message(self.data, begin, end))
         elif code == _STATISTICS:
             self._statistics(self.data[begin:end])
         elif code == _DATA_END:
@@ -158,13 +159,6 @@ class SalvagedMcap(RecordFile):
             at = end
         return index, at
 
-    def _message(self, begin: int, end: int) -> None:
-        """Take a message that is in no chunk; no checksum and no index vouches for it."""
-        channel, _, time, _ = struct.unpack_from("<HIQQ", self.data, begin)
-        if end - begin < 22:
-            raise BrokenRecordError(f"a message at byte {begin - RECORD:,}")
-        self.take_loose((channel, time, begin + 22, end - begin - 22))
-
     def _statistics(self, content: bytes) -> None:
         end, size = struct.unpack_from("<QI", content, 34)
         if size % 10 or size != len(content) - 46:
@@ -197,10 +191,7 @@ class SalvagedMcap(RecordFile):
     def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[Row]:
         for code, begin, end in records(raw):
             if code == _MESSAGE:
-                channel, _, time, _ = struct.unpack_from("<HIQQ", raw, begin)
-                if end - begin < 22:
-                    raise BrokenRecordError("a message")
-                yield channel, time, begin + 22, end - begin - 22
+                yield _message(raw, begin, end)
             elif code in {_SCHEMA, _CHANNEL}:
                 _note(told, code, raw[begin:end], vouched=vouched)
 
@@ -222,6 +213,13 @@ class SalvagedMcap(RecordFile):
             definition = MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text)
             known[number] = ros2_connection(number, topic, name, definition)
         return known
+
+
+def _message(data: Any, begin: int, end: int) -> Row:
+    channel, _, time, _ = struct.unpack_from("<HIQQ", data, begin)
+    if end - begin < 22:
+        raise BrokenRecordError(f"a message at byte {begin - RECORD:,}")
+    return channel, time, begin + 22, end - begin - 22
 
 
 def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, int]:
@@ -254,7 +252,7 @@ def _confirmed(found: Found, index: dict[int, Any], start: int, last: int) -> tu
         channel: set(zip(entries["time"].tolist(), entries["place"].tolist(), strict=True))
         for channel, entries in index.items()
     }
-    rows = rows_of(found)
+    rows = record_file.rows_of(found)
     # A record begins with 9 bytes, a message with 22.
     keep = [
         (time, begin - 31) in named[channel] if channel in named else start <= time <= last

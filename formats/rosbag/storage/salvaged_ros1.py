@@ -11,17 +11,19 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from hashlib import md5
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1.reader import normalize
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
 
 from formats.limits import CHUNK_BYTES
+from formats.rosbag.definition_texts import msg_text
+from formats.rosbag.storage import record_file
 from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
-from formats.rosbag.storage.salvaged_file import rows_of, tame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -38,11 +40,7 @@ _LONGEST_CHUNK_HEADER = 80
 
 _SECOND = 1_000_000_000
 _LONGEST_HEADER = 1 << 20
-_BUILT_IN = frozenset(
-    {"bool", "byte", "char", "string", "time", "duration", "float32", "float64"}
-    | {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
-)
-_DEEPEST = 50
+_FLOATING = frozenset({"bool", "string", "float32", "float64"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +154,9 @@ class SalvagedRos1(RecordFile):
             case 5:
                 end = self._chunk(at, record)
             case 2:
-                self._message(record)
+                # Of a chunk that was never closed.
+                size = record.end - record.begin
+                self.take_loose((record.number(b"conn"), record.time(), record.begin, size))
             case 3:
                 self._index_at = record.number(b"index_pos", "<Q")
                 self._chunks = record.number(b"chunk_count")
@@ -216,9 +216,9 @@ class SalvagedRos1(RecordFile):
             return
         first, last = record.begin, len(self.data)
         found, _ = self.found_in(self.data[first:last], self.told, vouched=False)
-        rows = rows_of(found)
+        rows = record_file.rows_of(found)
         self.unchecked = True
-        self.take(rows, tame(rows), lambda: self.data[first:last])
+        self.take(rows, record_file.tame(rows), lambda: self.data[first:last])
 
     def _index(self, at: int) -> tuple[dict[int, set[tuple[int, int]]], int]:
         """Read the records of the index behind a chunk: times and places by connection."""
@@ -239,10 +239,6 @@ class SalvagedRos1(RecordFile):
             index[connection] = set(zip(times.tolist(), entries[:, 2].tolist(), strict=True))
             at = record.end
         return index, at
-
-    def _message(self, record: _BagRecord) -> None:
-        """Take a message of a chunk that was never closed."""
-        self.take_loose((record.number(b"conn"), record.time(), record.begin, record.end - record.begin))
 
     def _chunk_info(self, record: _BagRecord) -> None:
         content = self.data[record.begin : record.end]
@@ -275,13 +271,15 @@ class SalvagedRos1(RecordFile):
     def known(self) -> dict[int, Connection]:
         known = {}
         for number, told in self.told_of().items():
-            fitting = [what for _, what in told if _fits(what)]
-            said = agreed(told) or (fitting[0] if len(set(fitting)) == 1 else None)
+            fits = {what: _fits(what) for _, what in told}
+            # Else one of which that cannot be told.
+            fitting = [what for what in fits if fits[what]] or [what for what in fits if fits[what] is None]
+            said = agreed(told) or (fitting[0] if len(fitting) == 1 else None)
             if said is None:
                 self.recovery.damage.append(f"connection {number} is described twice, each time differently")
                 continue
             topic, kind, digest, text, caller = said
-            if not _fits(said):
+            if _fits(said) is False:
                 # Perhaps it is a standard type, which its checksum tells.
                 self.recovery.damage.append(f"the definition of {topic} is not the one its checksum is of")
                 text = ""
@@ -307,17 +305,17 @@ def _settled(found: Found, index: dict[int, set[tuple[int, int]]]) -> tuple[Inde
             unnamed.append(row)
         elif (time, at) in index[connection] or (time, earlier) in index[connection]:
             named.append(row)
-    rows = rows_of(named + unnamed)
+    rows = record_file.rows_of(named + unnamed)
     # Those without an index are compared with the others of their chunk.
     agrees = len(named) == sum(map(len, index.values())) == len(found) - len(unnamed)
-    return tame(rows) if unnamed else rows, agrees
+    return record_file.tame(rows) if unnamed else rows, agrees
 
 
-def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
-    """Tell whether a definition has the checksum noted beside it, as far as there is one."""
+def _fits(said: tuple[str, str, str, str, str | None]) -> bool | None:
+    """Tell whether a definition has the checksum noted beside it; None where that cannot be told."""
     _, kind, digest, text, _ = said
     found = checksum(text, kind) if re.fullmatch("[0-9a-f]{32}", digest) and text.strip() else None
-    return found in {None, digest}
+    return None if found is None else found == digest
 
 
 def _note(told: Told, record: _BagRecord, content: bytes, *, vouched: bool) -> None:
@@ -336,54 +334,19 @@ def _note(told: Told, record: _BagRecord, content: bytes, *, vouched: bool) -> N
     join_told(told, {(_CONNECTION, number): [(vouched, kept)]})
 
 
-class _UnknownError(Exception):
-    """Not all that the checksum covers can be told."""
-
-
+@lru_cache(256)
 def checksum(text: str, type_name: str) -> str | None:
-    """Return the checksum of a definition, behind which are those of its parts, as bags hold it.
+    """Return the checksum of a definition, behind which are those of its parts, as rosbags computes it.
 
-    None where it cannot be told: a type is missing, or a constant is a number with a fraction or a text,
-    which tools write in more than one way.
+    None where it cannot be told: a type is missing, or a constant is no whole number, which tools write in
+    more than one way.
     """
-    main, *others = re.split(r"^=+\n", text, flags=re.MULTILINE)
-    sections = {_short(type_name): main}
-    for section in others:
-        first, _, rest = section.partition("\n")
-        sections[first.removeprefix("MSG:").strip()] = rest
     try:
-        return _of(_short(type_name), sections, {}, 0)
-    except _UnknownError:
+        types = get_types_from_msg(msg_text(text), type_name)
+        store = get_typestore(Stores.EMPTY)
+        if any(kind in _FLOATING for constants, _ in types.values() for _, kind, _ in constants):
+            return None
+        store.register({name: types[name] for name in types if name not in store.fielddefs})
+        return store.generate_msgdef(normalize_msgtype(type_name))[1]
+    except Exception:  # noqa: BLE001 - a damaged text makes rosbags' parser fail in any way
         return None
-
-
-def _short(name: str) -> str:
-    return name.replace("/msg/", "/")
-
-
-def _of(name: str, sections: dict[str, str], known: dict[str, str], depth: int) -> str:
-    if name in known:
-        return known[name]
-    if name not in sections or depth > _DEEPEST:
-        raise _UnknownError
-    constants, fields = [], []
-    for line in sections[name].split("\n"):
-        kind, _, rest = line.partition("#")[0].strip().partition(" ")
-        rest = rest.strip()
-        if not kind:
-            continue
-        if "=" in rest:
-            if kind in {"string", "float32", "float64"}:
-                raise _UnknownError
-            constant, _, value = rest.partition("=")
-            constants.append(f"{kind} {constant.strip()}={value.strip()}")
-            continue
-        base = kind.partition("[")[0]
-        if base in _BUILT_IN:
-            fields.append(f"{kind} {rest}")
-            continue
-        package = name.partition("/")[0]
-        full = "std_msgs/Header" if base == "Header" else base if "/" in base else f"{package}/{base}"
-        fields.append(f"{_of(full, sections, known, depth + 1)} {rest}")
-    known[name] = md5("\n".join([*constants, *fields]).encode(), usedforsecurity=False).hexdigest()
-    return known[name]
