@@ -23,14 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 _BLOCK = 1 << 20
-#: Where Linux shows the open files of a process.
-_OPEN_FILES = "/proc/self/fd"
+_OPEN_FILES = "/proc/self/fd"  # Where Linux shows the open files of a process
 #: Bytes taken at once, as many as a pipe of Linux holds: nothing waits long for what came with it.
 _ARRIVING = 1 << 16
 #: What is still taken from a pipe once the process was asked to end: its writer may never stop.
 _LEFT = 1 << 20
-#: Seconds between two looks at a file, and between two empty blocks while nothing arrives.
-_LOOK = 0.1
+_LOOK = 0.1  # Seconds between two looks at a file, and between two empty blocks while nothing arrives
 
 
 def readable(path: str) -> os.stat_result:
@@ -96,10 +94,8 @@ class ArrivingBytes:
         # Bytes of other files in a `folder` count too, though they are not read.
         self.label = STANDARD_INPUT if path == "-" else path
         self._path, self._stop, self._idle, self._folder = path, stop, idle, folder
-        #: Whether somebody asked to end.
-        self.stopped = False
-        #: Whether nothing came for too long.
-        self.idled = False
+        self.stopped = False  # Whether somebody asked to end
+        self.idled = False  # Whether nothing came for too long
 
     def __iter__(self) -> Iterator[bytes]:
         """Yield blocks as they arrive, empty ones while nothing does."""
@@ -155,9 +151,8 @@ class ArrivingBytes:
             return
         try:
             if stat.S_ISDIR(readable(self._path).st_mode):
-                raise FormatError(
-                    self.label, "is a folder", hint="follow one file; batch --watch takes folders"
-                )
+                hint = "follow one file; batch --watch takes folders"
+                raise FormatError(self.label, "is a folder", hint=hint)
             # A pipe that nobody has opened yet would hold up the open itself.
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
@@ -229,9 +224,8 @@ def _write(label: str, blocks: Iterable[bytes], file: BinaryIO, most: int, state
 
 
 def too_large(label: str, most: int) -> CannotWriteError:
-    return CannotWriteError(
-        label, f"is larger than the {most / 1e9:g} GB that are copied", hint="raise --largest"
-    )
+    what = f"is larger than the {most / 1e9:g} GB that are copied"
+    return CannotWriteError(label, what, hint="raise --largest")
 
 
 def _no_room(label: str, error: OSError) -> CannotWriteError:

@@ -13,8 +13,7 @@ from formats.recovery import HINT
 if TYPE_CHECKING:
     from formats.recovery import Recovery
 
-#: Enough for every signature below.
-HEAD_BYTES = 64
+HEAD_BYTES = 64  # Enough for every signature below
 #: Bytes that wait for the end of the file, so that a row which is cut off can be left out.
 _HELD = 1 << 16
 #: Read at once from packed data: what is lost of the last read, where they end too early.
@@ -41,8 +40,7 @@ FILE_KINDS = {
 #: Of these, messages of topics.
 BAGS = ("ros1", "mcap", "db3")
 COMPRESSED = ("gzip", "zstd", "bz2")
-#: What SQLite keeps beside a database.
-SIDE_FILES = ("-wal", "-journal")
+SIDE_FILES = ("-wal", "-journal")  # What SQLite keeps beside a database
 #: First bytes → one of `FILE_KINDS` or `COMPRESSED`; all else is text.
 _CONTENT = {
     b"#ROSBAG V2.0": "ros1",
@@ -112,10 +110,8 @@ class TextStream(io.RawIOBase):
         super().__init__()
         self.path = path
         self._line = 1
-        #: NUL bytes passed over so far: a power cut leaves them at the end of a log.
-        self.nul_bytes = 0
-        #: Quote marks so far; a table that closes each has an even number.
-        self.quote_marks = 0
+        self.nul_bytes = 0  # NUL bytes passed over so far: a power cut leaves them at the end of a log
+        self.quote_marks = 0  # Quote marks so far; a table that closes each has an even number
         #: Whether the last byte read so far ends a line.
         self.ended_in_newline = True
         head = first_bytes(path, file)
@@ -131,8 +127,7 @@ class TextStream(io.RawIOBase):
         if inner != "csv":
             raise FormatError(path, f"is a {inner} file packed with {self.packing}: unpack it first")
         mark = next((mark for mark in _MARKS if self._buffer.startswith(mark)), b"")
-        #: "utf-8", or UTF-16 or UTF-32 by that mark.
-        self.encoding = _MARKS.get(mark, "utf-8")
+        self.encoding = _MARKS.get(mark, "utf-8")  # "utf-8", or UTF-16 or UTF-32 by that mark
         if b"\0" in self._buffer and self.encoding == "utf-8":
             raise FormatError(
                 path,
@@ -220,8 +215,7 @@ class SalvagedText(TextStream):
     """The text of a file up to its last end of line: a row without one may have lost digits of a number."""
 
     def __init__(self, path: str, file: str) -> None:
-        #: How packed data end, where they end too early.
-        self.cut_short = ""
+        self.cut_short = ""  # How packed data end, where they end too early
         #: Bytes of the last row, which is cut off.
         self.left_out = 0
         self._held = b""

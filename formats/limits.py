@@ -6,19 +6,15 @@ import os
 
 MIB = 1 << 20
 
-#: Bytes that one chunk of a bag, or one compressed message, may unpack to.
-CHUNK_BYTES = 256 * MIB
-#: What anything may unpack to, however small it was packed.
-UNPACKED_BYTES = 16 * MIB
+CHUNK_BYTES = 256 * MIB  # Bytes that one chunk of a bag, or one compressed message, may unpack to
+UNPACKED_BYTES = 16 * MIB  # What anything may unpack to, however small it was packed
 #: Beyond that, times its packed size. Logs pack 3 to 50 times, and gzip at its best 1,032 times.
 UNPACKED_RATIO = 250
-#: What all of a file may unpack to together, however small it was packed.
-FILE_BYTES = 1 << 30
+FILE_BYTES = 1 << 30  # What all of a file may unpack to together, however small it was packed
 #: NUL bytes of a text table. A power cut leaves what the file system had set aside for the file and
 #: not written; judged: far more than that, and read in a second.
 NUL_BYTES = 64 * MIB
-#: Columns of a table.
-COLUMNS = 10_000
+COLUMNS = 10_000  # Columns of a table
 #: Rows that a Parquet file may claim for each of its bytes, once there are ten million.
 PARQUET_ROWS_PER_BYTE = 1_000
 PARQUET_ROWS = 10_000_000
@@ -34,17 +30,14 @@ LEAVES = 20_000
 DEPTH = 50
 #: Texts or messages in a list of fixed length: rosbags writes a line of code for each.
 FIXED_LIST = 4_096
-#: Of metadata.yaml and of the like inside bags: bytes.
-METADATA_BYTES = 4 * MIB
-#: Connections of one bag.
-CONNECTIONS = 20_000
+METADATA_BYTES = 4 * MIB  # Of metadata.yaml and of the like inside bags: bytes
+CONNECTIONS = 20_000  # Connections of one bag
 
 #: GB of a pipe, a packed recording or an object of a store that are copied to the disk (judged: above the
 #: logs of a day, below the disks of today); --largest, or this variable, says another number.
 COPY_GB = 16.0
 COPY_VARIABLE = "TERRAIN_EST_LARGEST"
-#: Left free on the disk that holds a copy.
-SPARE_BYTES = 64 * MIB
+SPARE_BYTES = 64 * MIB  # Left free on the disk that holds a copy
 #: Seconds in which somebody must begin to write into a pipe (judged: a shell starts both ends at once).
 PIPE_SECONDS = 10.0
 

@@ -21,8 +21,7 @@ _USUAL_HEAD, _HEAD = 1 << 8, 1 << 16
 _DEEPEST = 12
 #: Numbers of the kinds: true and false, integers, bytes, list and set, struct.
 _FLAGS, _INTEGERS, _BYTES, _LISTS, _STRUCT = (1, 2), (4, 5, 6), 8, (9, 10), 12
-#: Bytes of those of one size: true, false, byte, double.
-_FIXED = {1: 0, 2: 0, 3: 1, 7: 8}
+_FIXED = {1: 0, 2: 0, 3: 1, 7: 8}  # Bytes of those of one size: true, false, byte, double
 #: Numbers of the fields, by parquet.thrift.
 _ROW_GROUPS, _COLUMNS, _COLUMN = 4, 1, 3
 _PACKED_SIZE, _DATA, _DICTIONARY = 7, 9, 11

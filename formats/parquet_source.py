@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 #: What to do about a damaged file.
 _LOST = "Parquet keeps its index at the end: copy the file again, or write it anew"
-#: What Hive writes for a partition without a value.
-_NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
+_NO_VALUE = "__HIVE_DEFAULT_PARTITION__"  # What Hive writes for a partition without a value
 
 
 class ParquetSource(Source):
@@ -48,9 +47,8 @@ class ParquetSource(Source):
                     if kind is None:
                         passed_over[field.name] = None
                     elif self._kinds.setdefault(field.name, kind) != kind:
-                        raise FormatError(
-                            self._name(file), f"{field.name} is {kind}, but not in the parts before it"
-                        )
+                        what = f"{field.name} is {kind}, but not in the parts before it"
+                        raise FormatError(self._name(file), what)
                 if len(set(part.schema_arrow.names)) < len(part.schema_arrow.names):
                     raise FormatError(self._name(file), "two columns have the same name")
         if not self._rows:

@@ -11,10 +11,8 @@ if TYPE_CHECKING:
 #: What to do about a damaged file.
 HINT = "add --salvage to read what is left of it"
 NS = 1e-9
-#: Damage of one kind is told so many times.
-_TOLD = 3
-#: How the sentences begin that tell of it.
-_BEGINNINGS = ("damaged: ", "salvaged: ", "lost: ")
+_TOLD = 3  # Damage of one kind is told so many times
+_BEGINNINGS = ("damaged: ", "salvaged: ", "lost: ")  # How the sentences begin that tell of it
 
 
 def told(remarks: Iterable[str]) -> list[str]:

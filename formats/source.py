@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 #: What the ending of a file's name promises.
 _ENDINGS = {ending: kind for kind, known in FILE_KINDS.items() for ending in known.endings}
 _PACKINGS = (".gz", ".zst", ".bz2")
-#: Hidden files and _SUCCESS, _metadata and the like.
-_NO_DATA = (".", "_")
+_NO_DATA = (".", "_")  # Hidden files and _SUCCESS, _metadata and the like
 #: Folders of partitions within each other.
 _DEEPEST = 20
 _BLOCK = 1 << 20
@@ -147,9 +146,8 @@ def _logs_of(name: str) -> list[str]:
         entry for entry in _entries(path) if (_is_log_folder if entry.is_dir() else promised_kind)(str(entry))
     ]
     if not logs:
-        raise NotFoundError(
-            name, "no log in this folder", hint=f"looked for {', '.join(_ENDINGS)} and rosbag2 folders"
-        )
+        hint = f"looked for {', '.join(_ENDINGS)} and rosbag2 folders"
+        raise NotFoundError(name, "no log in this folder", hint=hint)
     return [str(log) for log in logs]
 
 

@@ -58,8 +58,7 @@ class Pages:
         if changes != struct.unpack_from(">I", data, 92)[0]:
             self.stated = 0
         self.encoding = _TEXT.get(struct.unpack_from(">I", data, 56)[0], "utf-8")
-        #: Whole pages that are there.
-        self.count = len(data) // self.size
+        self.count = len(data) // self.size  # Whole pages that are there
         #: How many further pages of cells may be walked; none is part of two cells. None for any number.
         self.budget: int | None = 4 * self.count + 1_000
 

@@ -97,10 +97,8 @@ class Stream:
     end: int | None = None
 
 
-#: Every batch of a bag's topic also has these two columns, both datetime64[ns].
-LOG_TIME = "@log"
-#: NaT where the message has no header or its stamp is zero.
-STAMP = "@stamp"
+LOG_TIME = "@log"  # Every batch of a bag's topic also has these two columns, both datetime64[ns]
+STAMP = "@stamp"  # NaT where the message has no header or its stamp is zero
 
 
 @dataclass

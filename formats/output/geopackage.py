@@ -54,8 +54,7 @@ _SYMBOLS = {
         {"name": "circle", "size": "2.4", "size_unit": "MM", "outline_style": "no"},
     ),
 }
-#: As QGIS numbers them.
-_GEOMETRY_TYPES = {"Point": "0", "LineString": "1"}
+_GEOMETRY_TYPES = {"Point": "0", "LineString": "1"}  # As QGIS numbers them
 
 
 def write_geopackage(

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 
     from formats.output.common_forms import Table, WktShape
 
-#: By the kind of their array.
-_TYPES = {"f": pa.float64(), "i": pa.int64(), "O": pa.string()}
-#: Of the binary geometry, which stands beside the text.
-GEOMETRY = "geometry"
+_TYPES = {"f": pa.float64(), "i": pa.int64(), "O": pa.string()}  # By the kind of their array
+GEOMETRY = "geometry"  # Of the binary geometry, which stands beside the text
 
 
 def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry: str) -> None:

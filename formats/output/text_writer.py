@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 #: What stands before each feature: the record separator of RFC 8142, or nothing.
 _SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}
-#: Endings of packed files.
-PACKINGS = (".gz", ".bz2", ".zst")
+PACKINGS = (".gz", ".bz2", ".zst")  # Endings of packed files
 
 
 def write_text(

@@ -31,8 +31,7 @@ _REASONS = {
     errno.ENOTDIR: "no such folder",
     errno.EBADF: "is closed",
 }
-#: Enough for the header of any table, and all that is read of a text.
-HEAD = 1 << 16
+HEAD = 1 << 16  # Enough for the header of any table, and all that is read of a text
 #: What GDAL puts before the columns of a layer, and QGIS beside the layers.
 _OF_GEOPACKAGE, _STYLES = ("fid", "geom"), "layer_styles"
 
@@ -132,9 +131,8 @@ def check_free(path: str, *, replace: bool = False) -> None:
         return
     with explained(path):
         if path.endswith("/") and place.exists():
-            raise CannotWriteError(
-                path, "is there already", hint="remove it, or name another: no folder is replaced"
-            )
+            hint = "remove it, or name another: no folder is replaced"
+            raise CannotWriteError(path, "is there already", hint=hint)
         if place.is_dir():
             raise CannotWriteError(path, "is a folder")
         if place.is_file() and not replace:

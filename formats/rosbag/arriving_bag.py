@@ -155,8 +155,7 @@ class ArrivingBag(BagSource):
         self.wanted: Mapping[str, Sequence[str]] = {}
         self._found: dict[int, Reading] | None = None
         self._unusable: set[int] = set()
-        #: Messages so far.
-        self.count = 0
+        self.count = 0  # Messages so far
 
     @property
     def ended(self) -> bool:

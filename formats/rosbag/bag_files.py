@@ -37,8 +37,7 @@ HEAD = 4_200
 _BLOCK = 1 << 20
 #: How rosbag2 names the files of a recording, which it may split.
 _PART = re.compile(r"(.*_)(\d+)(\.mcap|\.db3)")
-#: A file of a recording is never larger than this, however it is packed.
-_LARGEST = 1 << 40
+_LARGEST = 1 << 40  # A file of a recording is never larger than this, however it is packed
 
 
 def first_part(folder: Path) -> Path | None:
@@ -105,9 +104,8 @@ def _check_ros1(name: str, head: bytes, size: int) -> None:
     if index == 0:
         wrong = "its index is missing: the recording was not closed properly"
     elif index >= size:
-        wrong = (
-            f"cut off: its index is missing (it should begin at byte {index:,}, the file ends at {size:,})"
-        )
+        places = f"it should begin at byte {index:,}, the file ends at {size:,}"
+        wrong = f"cut off: its index is missing ({places})"
     if wrong:
         raise DamagedError(name, wrong, hint=HINTS["ros1"])
 

@@ -136,9 +136,9 @@ def nearest(name: str, choices: Iterable[str], what: str) -> str:
     """Say which name may have been meant, of topics, fields or whatever they are."""
     choices = list(choices)
     close = get_close_matches(name, choices, n=3, cutoff=0.5)
-    return (
-        f"did you mean {' or '.join(close)}?" if close else f"its {what}: {', '.join(choices[:20]) or 'none'}"
-    )
+    if close:
+        return f"did you mean {' or '.join(close)}?"
+    return f"its {what}: {', '.join(choices[:20]) or 'none'}"
 
 
 @dataclass
@@ -233,9 +233,8 @@ class BagSource(Source):
             run = next(filter(None, self._runs(decoders, 1)), {})
             begun = {name for name in waiting if not run.keys().isdisjoint(topics[name])}
             for name in sorted(begun):
-                told[name] = self._elements_in(
-                    {p: run[p] for p in topics[name] if p in run}, topics[name], name
-                )
+                run_of = {place: run[place] for place in topics[name] if place in run}
+                told[name] = self._elements_in(run_of, topics[name], name)
             waiting = waiting - begun if begun else set()
         return told
 
@@ -276,9 +275,8 @@ class BagSource(Source):
     def _usable(self, topic: str) -> _Topic:
         found = self._topics.get(topic)
         if found is None:
-            raise FormatError(
-                self.path, f"has no topic {topic!r}", hint=nearest(topic, self._topics, "topics")
-            )
+            near = nearest(topic, self._topics, "topics")
+            raise FormatError(self.path, f"has no topic {topic!r}", hint=near)
         for reason in found.unusable.values():
             raise FormatError(
                 self.path,
@@ -293,14 +291,12 @@ class BagSource(Source):
         name, bracket, element = asked.partition("[")
         field = fields.get(name)
         if field is None or (bracket and not element.endswith("]")):
-            raise FormatError(
-                self.path, f"{stream.topic} has no field {asked!r}", hint=nearest(name, fields, "fields")
-            )
+            near = nearest(name, fields, "fields")
+            raise FormatError(self.path, f"{stream.topic} has no field {asked!r}", hint=near)
         if field.kind not in {"numbers", "texts"}:
             if bracket:
-                raise FormatError(
-                    self.path, f"{stream.topic}: {name} is one value, not a list", hint=f"ask for {name}"
-                )
+                what = f"{stream.topic}: {name} is one value, not a list"
+                raise FormatError(self.path, what, hint=f"ask for {name}")
             return FieldRequest(asked, name, field.kind)
         if not bracket:
             example = field.elements[0] if field.elements else "0"

@@ -28,13 +28,10 @@ if TYPE_CHECKING:
     from formats.rosbag.definitions import Definition, FieldRequest, Leaf, Values
     from formats.rosbag.storage.raw_messages import Messages
 
-    #: Names or places, and whether they are names.
-    Elements: TypeAlias = tuple[tuple[str, ...], bool]
-    #: One number for all messages, or one for each.
-    Places: TypeAlias = int | NDArray[np.int64]
+    Elements: TypeAlias = tuple[tuple[str, ...], bool]  # Names or places, and whether they are names
+    Places: TypeAlias = int | NDArray[np.int64]  # One number for all messages, or one for each
 
-#: The longest list of texts or of messages that is walked element by element.
-LONGEST = 256
+LONGEST = 256  # The longest list of texts or of messages that is walked element by element
 #: The byte order by the first two bytes of a payload in CDR, read as a little-endian number.
 ORDERS = {0x0100: "<", 0x0000: ">"}
 

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     #: `spans` are first and last log time in ns of connections, by their number, where an index tells them.
     Reader: TypeAlias = Ros1File | McapFile | Db3File | SalvagedFile
 
-#: What to do where not even salvage helps.
-LOST = "copy or record it again"
+LOST = "copy or record it again"  # What to do where not even salvage helps
 
 
 class Container:
@@ -51,8 +50,7 @@ class Container:
         self._readers: list[tuple[Reader, dict[int, int]]] = []
         try:
             self._recording = Recording(path, kind, self._stack, salvage=salvage)
-            #: What a person should know about which files were read.
-            self.remarks = self._recording.remarks
+            self.remarks = self._recording.remarks  # What a person should know about which files were read
             for reader in self._opened():
                 places = {
                     connection.id: place
@@ -93,10 +91,8 @@ class Container:
             try:
                 for run in reader.runs({connection.id for connection in chosen}, size):
                     count += sum(map(len, run.values()))
-                    yield {
-                        places[number]: self._decompressed(messages, allowance)
-                        for number, messages in run.items()
-                    }
+                    decompressed = {n: self._decompressed(messages, allowance) for n, messages in run.items()}
+                    yield {places[number]: messages for number, messages in decompressed.items()}
             except Exception as error:
                 raise damaged(self.path, self.kind, error) from error
             stated = sum(connection.msgcount for connection in chosen)

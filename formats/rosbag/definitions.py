@@ -42,8 +42,7 @@ BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
 #: What a message without fields is given by the ROS 2 tools: one byte that means nothing.
 FILLER = "structure_needs_at_least_one_member"
 _FILLED: tuple[str, FieldDesc] = FILLER, (Nodetype.BASE, ("uint8", 0))
-#: Between the parts of a definition.
-_BAR = "=" * 80 + "\n"
+_BAR = "=" * 80 + "\n"  # Between the parts of a definition
 
 Path: TypeAlias = tuple[str, ...]
 #: float64, datetime64[ns], or object (str, or None where there is none).

@@ -22,19 +22,14 @@ if TYPE_CHECKING:
 
     from formats.table import Batch, Column, Kind
 
-#: Lines from which the columns are told, if so many come in time.
-HEAD_LINES = 64
-#: A line longer than this is none.
-_LONGEST = 1 << 20
+HEAD_LINES = 64  # Lines from which the columns are told, if so many come in time
+_LONGEST = 1 << 20  # A line longer than this is none
 #: Lines among which one that comes again is known: a network may deliver what it is not sure of twice.
 _KNOWN = 4096
 _MARK = "\ufeff"
 #: What may be wrong with a row.
-_WIDTH, _OBJECT, _HEADER = (
-    "of another width than the header",
-    "that are no JSON object",
-    "of the header again",
-)
+_WIDTH, _OBJECT = "of another width than the header", "that are no JSON object"
+_HEADER = "of the header again"
 
 
 class ArrivingRows(Source):
@@ -54,13 +49,11 @@ class ArrivingRows(Source):
         self._header: list[str] = []
         self._kinds: dict[str, Kind] = {}
         self._names: dict[str, Names] = {}
-        #: Columns that are made of the rows; all if empty.
-        self.wanted: Sequence[str] = ()
+        self.wanted: Sequence[str] = ()  # Columns that are made of the rows; all if empty
         #: Rows so far, and those of which something is wrong, by what that is.
         self.count = self.repeated = 0
         self.odd: Counter[str] = Counter()
-        #: Cells that are not what their column is, by column.
-        self.cells: Counter[str] = Counter()
+        self.cells: Counter[str] = Counter()  # Cells that are not what their column is, by column
 
     @property
     def begun(self) -> bool:
@@ -98,9 +91,8 @@ class ArrivingRows(Source):
         """Refuse what is no text."""
         kind = content(self.label, self._head)
         if kind in COMPRESSED:
-            raise FormatError(
-                self.label, f"is packed ({kind})", hint="unpack it on the way: zcat run.csv.gz |"
-            )
+            hint = "unpack it on the way: zcat run.csv.gz |"
+            raise FormatError(self.label, f"is packed ({kind})", hint=hint)
         if kind in BAGS:
             what = f"is {FILE_KINDS[kind].found}, which can be followed in its file, not in a pipe"
             raise FormatError(self.label, what, hint="name the file that the recorder writes")

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none", "<na>", "nat"})
 #: The same as commonly written, for the parser's own fast comparison.
 MISSING_SPELLINGS = ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "<NA>", "NaT")
-#: Integers beyond this lose digits as float64.
-EXACT = 2.0**53
+EXACT = 2.0**53  # Integers beyond this lose digits as float64
 # Written so that no text of digits can be parted in two ways: that would take time with its square.
 _NUMBER = r"^[+-]?(\d+({point}\d*)?|{point}\d+)([eE][+-]?\d+)?$|^[+-]?inf(inity)?$"
 _TIME = re.compile(

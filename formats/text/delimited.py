@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 
     from formats.table import Batch, Column, Kind
 
-#: Read to tell delimiter, decimal sign and kinds.
-_HEAD_BYTES = 1 << 18
-#: How far to look for the first value of a column that is empty there.
-_LOOK_AHEAD_BYTES = 1 << 28
+_HEAD_BYTES = 1 << 18  # Read to tell delimiter, decimal sign and kinds
+_LOOK_AHEAD_BYTES = 1 << 28  # How far to look for the first value of a column that is empty there
 #: Parsed at once: a larger block falls out of the processor's cache and is slower.
 _BLOCK_BYTES = 1 << 20
 
@@ -107,9 +105,8 @@ class DelimitedSource(Source):
         self._said |= {key: str(finding) for key, finding in findings.items()}
         self.remarks += self._said.values()
         if fields and not count:
-            raise FormatError(
-                self.label, f"has no row that fits its header: {next(iter(findings.values()), '')}"
-            )
+            first = next(iter(findings.values()), "")
+            raise FormatError(self.label, f"has no row that fits its header: {first}")
         self._count = count if fields else self._count
 
     def _column(
@@ -201,9 +198,8 @@ class DelimitedSource(Source):
             )
             for batch in reader:
                 yield mend(batch.columns)
-            yield mend(
-                [pa.array([], pa.string()) for _ in places], last=True, cut=not stream.ended_in_newline
-            )
+            nothing = [pa.array([], pa.string())] * len(places)
+            yield mend(nothing, last=True, cut=not stream.ended_in_newline)
         except pa.ArrowInvalid as error:
             after = f"after row {mend.row - 1}"
             what = "a quote that is not closed" if "straddl" in str(error) else str(error).splitlines()[0]
@@ -294,9 +290,8 @@ class _Mending:
             what = f"cut off in row {row}: its last row has {len(fields)} of {width} fields"
             raise DamagedError(self.path, what, hint=HINT)
         if len(fields) > width:
-            self._note(
-                "long", f"row {row} has {len(fields)} fields where the header names {width}: set aside"
-            )
+            what = f"row {row} has {len(fields)} fields where the header names {width}: set aside"
+            self._note("long", what)
             self.skipped += 1
             return []
         if len(fields) < width:

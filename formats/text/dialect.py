@@ -7,6 +7,7 @@ import io
 import re
 from collections import Counter
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from formats.errors import FormatError
@@ -99,11 +100,8 @@ def _split(path: str, lines: list[str], first: int, delimiter: str) -> tuple[lis
     reader = csv.reader(lines[first:], delimiter=delimiter)
     header = [cell.strip().strip('"').strip() for cell in next(reader)]
     begin = first + reader.line_num
-    rows = [
-        row
-        for row, _ in zip(reader, range(SAMPLE_ROWS), strict=False)
-        if len(row) > 1 or "".join(row).strip()
-    ]
+    first_rows = islice(reader, SAMPLE_ROWS)
+    rows = [row for row in first_rows if len(row) > 1 or "".join(row).strip()]
     if all(_is_value(cell) for cell in header):
         # numpy.savetxt writes the names as a comment.
         comment = lines[first - 1] if first else ""

@@ -119,9 +119,8 @@ def copied(item: Input, largest: int) -> Iterator[str]:
         raise too_large(item.path, largest)
     with ExitStack() as stack:
         try:
-            source = stack.enter_context(
-                store.open(path, "rb", block_size=_BLOCK * 4, cache_type="readahead")
-            )
+            opened = store.open(path, "rb", block_size=_BLOCK * 4, cache_type="readahead")
+            source = stack.enter_context(opened)
             blocks = iter(partial(source.read, _BLOCK), b"")
             copy, name = kept(item.path, blocks, most=largest, stated=item.size)
             stack.enter_context(copy)

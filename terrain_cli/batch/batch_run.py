@@ -38,10 +38,8 @@ TABLE, SUMMARY = "segments", "summary.json"
 _AT_ONCE = 256
 _TEXT = frozenset({"source", "wheel", "terrain", "method", "status", "WKT"})
 _WHOLE = frozenset({"segment", "n_samples", "n_rejected"})
-#: Seconds between two looks at what workers have done, and at what has arrived.
-_TICK, _LOOK = 0.2, 1.0
-#: And at least so many times as long as such a look takes.
-_PAUSE = 10
+_TICK, _LOOK = 0.2, 1.0  # Seconds between two looks at what workers have done, and at what has arrived
+_PAUSE = 10  # And at least so many times as long as such a look takes
 
 
 @dataclass(frozen=True)
@@ -199,9 +197,8 @@ def preview(items: Sequence[Input], directory: str, order: Order) -> list[tuple[
     """Return what would be done, and why; the folder need not be there."""
     with closing(Folder(directory, writable=False)) as folder:
         inputs = [item for item in items if not folder.own(item.location)]
-        return [
-            (why, item) for item in inputs if (why := batch_folder.reason(item, folder, order)) is not None
-        ]
+        reasons = ((batch_folder.reason(item, folder, order), item) for item in inputs)
+        return [(why, item) for why, item in reasons if why is not None]
 
 
 def run(

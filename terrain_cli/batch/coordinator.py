@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.worker_pool import Pool
 
-#: What an input costs beyond its bytes, in bytes: for the time that remains.
-_OVERHEAD = 1_000_000
+_OVERHEAD = 1_000_000  # What an input costs beyond its bytes, in bytes: for the time that remains
 
 
 @dataclass(eq=False, kw_only=True)

@@ -134,9 +134,8 @@ def _check_address(address: str) -> None:
             raise ValueError
         get_address_host_port(address, strict=True)
     except ValueError:
-        raise UsageError(
-            f"--scheduler {address}: no address of a scheduler", hint="such as tcp://host:8786"
-        ) from None
+        hint = "such as tcp://host:8786"
+        raise UsageError(f"--scheduler {address}: no address of a scheduler", hint=hint) from None
     of_client = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
     certified = of_client["ssl_context"] is not None
     if address.startswith(_ENCRYPTED) and not certified:

@@ -227,8 +227,7 @@ class Manifest:
 #: Offset and bytes in the file, and the beginning of their hash.
 Pointer = tuple[int, int, str]
 _ACCOUNT = b"account"
-#: Sets the columns of the estimates apart from those of the table.
-_SI = "si:"
+_SI = "si:"  # Sets the columns of the estimates apart from those of the table
 
 
 class Records:

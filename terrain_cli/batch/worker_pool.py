@@ -20,8 +20,7 @@ from typing import Protocol
 from terrain_cli import processes
 from terrain_cli.batch.worker_tasks import Failure, Reply, Task, failure
 
-#: Seconds that a process may take to start, and to accept a task.
-_PATIENCE = 120.0
+_PATIENCE = 120.0  # Seconds that a process may take to start, and to accept a task
 #: What libraries say as they end a process that got no memory.
 _NO_MEMORY = ("bad_alloc", "MemoryError", "annot allocate memory", "failed to map segment", "OpenBLAS error")
 _HEADER = struct.Struct("!Q")

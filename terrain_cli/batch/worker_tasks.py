@@ -96,9 +96,8 @@ def _effect(name: str, file: ModelFile) -> str:
         return toml_files.read_text(folder / name)
     if name in effects.NAMES:
         return f"terrain-est {__version__}"
-    packages = {
-        point.dist.name: point.dist.version for point in entry_points(group=effects.GROUP) if point.dist
-    }
+    found = [point.dist for point in entry_points(group=effects.GROUP) if point.dist]
+    packages = {dist.name: dist.version for dist in found}
     return ", ".join(f"{package} {number}" for package, number in sorted(packages.items()))
 
 
@@ -252,9 +251,8 @@ def as_file(table: Table, order: Order) -> bytes:
 
     with tempfile.TemporaryDirectory(prefix="terrain-est-") as folder:
         file = Path(folder, f"result.{order.kind}")
-        formats.write_table(
-            table, str(file), crs=segment_table.reference_system(table, order.configuration.crs)
-        )
+        crs = segment_table.reference_system(table, order.configuration.crs)
+        formats.write_table(table, str(file), crs=crs)
         return file.read_bytes()
 
 
@@ -278,9 +276,8 @@ def _check_versions(keeper: dict[str, str]) -> None:
         if own.get(name) != number
     ]
     if differ:
-        raise WorkerDiffersError(
-            f"a worker has {', '.join(differ)}", hint="install the same versions everywhere"
-        )
+        hint = "install the same versions everywhere"
+        raise WorkerDiffersError(f"a worker has {', '.join(differ)}", hint=hint)
 
 
 class WorkerDiffersError(TerrainError):

@@ -36,16 +36,13 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry import Samples
     from terrain_cli.windows.cut_windows import Windows
 
-#: Rows of a table from which on it is worked through in reaches.
-MOST_ROWS = 2_000_000
+MOST_ROWS = 2_000_000  # Rows of a table from which on it is worked through in reaches
 #: Usable samples of a reach, and those behind a bound that make it final.
 REACH, SETTLED = 1 << 19, 20_000
-#: Longest window: a soil that goes on for longer is cut there.
-LONGEST = 1 << 20
+LONGEST = 1 << 20  # Longest window: a soil that goes on for longer is cut there
 #: Channels that windows, estimates and the table are made of.
 _KEPT = {*NEEDED, "x", "y", "longitude", "latitude"}
-#: Samples set aside behind each usable one, among its drivers.
-BEHIND = "@behind"
+BEHIND = "@behind"  # Samples set aside behind each usable one, among its drivers
 #: Parts that may wait for the other process: as many as make a reach, and one that is being read. What
 #: is longer than this many bytes goes through the pipe.
 _SLOTS, _ROOM = 5, 12 << 20
@@ -117,8 +114,7 @@ class LongWheel:
         self._waiting = self._carried = self._before = self._cut = self._ahead = 0
         self._rows = self._used = 0
         self._reasons: Counter[str] = Counter()
-        #: How many windows there are.
-        self.windows = 0
+        self.windows = 0  # How many windows there are
         #: That of the first reach, for all of them.
         self._stress = settings.stress
         self._tables: list[segment_table.Table] = []
@@ -261,9 +257,8 @@ class _Beside:
         self._room = np.frombuffer(self._shared, dtype=np.uint8).reshape(_SLOTS, _ROOM)
         self._link, theirs = context.Pipe()
         self._sent = self._done = 0
-        self._process = context.Process(
-            target=_work_there, args=(theirs, self._shared, settings), daemon=True
-        )
+        given = theirs, self._shared, settings
+        self._process = context.Process(target=_work_there, args=given, daemon=True)
         if hasattr(signal, "pthread_sigmask"):
             from multiprocessing import resource_tracker
 

@@ -176,9 +176,8 @@ def nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
     hint = "terrain-est inspect shows what each channel is read from"
     for reason, channel in (("load not positive", "load"), ("rolls against its drive", "angular_velocity")):
         if reason in next(iter(reasons)):
-            hint = (
-                f"if the sensor's sign is the other way round: {channel} = {{ …, scale = -1 }} in rover.toml"
-            )
+            line = f"{channel} = {{ …, scale = -1 }} in rover.toml"
+            hint = f"if the sensor's sign is the other way round: {line}"
     # A wrong unit is the likelier reason.
     doubts = [remark for remark in fullest["remarks"] if isinstance(remark, Doubt)]
     hint = "\n".join(doubts) or hint

@@ -19,14 +19,10 @@ if TYPE_CHECKING:
     from terrain_cli.simulation.scenario import Place, Scenario
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-#: Times between the points of a course in s.
-STEP = 0.01
-#: s, over which every change is rounded off: no motor, and no derivative, knows a corner.
-FLANK = 0.5
-#: In m: no rover comes back to the millimetre.
-_SAME_SPOT = 0.01
-#: Of one wheel: they swing with phases of their own.
-OF_WHEEL = frozenset({"slip", "load"})
+STEP = 0.01  # Times between the points of a course in s
+FLANK = 0.5  # s, over which every change is rounded off: no motor, and no derivative, knows a corner
+_SAME_SPOT = 0.01  # In m: no rover comes back to the millimetre
+OF_WHEEL = frozenset({"slip", "load"})  # Of one wheel: they swing with phases of their own
 
 
 @dataclass(frozen=True)
@@ -84,9 +80,8 @@ def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
     own = _profiles(scenario, place.name, course.time, OF_WHEEL)
     velocity = course.body["velocity"] - place.y * course.body["yaw_rate"]
     smooth_ = {**course.body, "velocity": velocity, "load": scenario.load * own["load"], "slip": own["slip"]}
-    return Ride(
-        place, course.time, smooth_, _soils(scenario, course, place), _passes(scenario, course, place)
-    )
+    soils, passes = _soils(scenario, course, place), _passes(scenario, course, place)
+    return Ride(place, course.time, smooth_, soils, passes)
 
 
 def standing(velocity: Array, radius: float) -> Mask:

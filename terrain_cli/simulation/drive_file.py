@@ -76,10 +76,8 @@ PRESETS: dict[str, dict[str, Any]] = {
     # Four wheels, unless it is said how many.
     "multi": {"slip": {"mean": 0.3, "swing": 0.2, "period": 13.0}},
 }
-#: Wheels of a drive that is about several.
-WHEELS = {"multi": 4}
-#: s, of a part whose duration is not given.
-DURATION = 60.0
+WHEELS = {"multi": 4}  # Wheels of a drive that is about several
+DURATION = 60.0  # s, of a part whose duration is not given
 
 #: s; the fine time base of a longer drive would fill the memory.
 _LONGEST = 36_000.0
@@ -101,9 +99,8 @@ _PART = toml_files.table({"drive": toml_files.choice(*PRESETS), "duration": _SEC
 
 
 def _texts(value: Any, place: str) -> list[str]:
-    texts: list[str] = toml_files.several(toml_files.text)(
-        [value] if isinstance(value, str) else value, place
-    )
+    several = [value] if isinstance(value, str) else value
+    texts: list[str] = toml_files.several(toml_files.text)(several, place)
     if not texts:
         raise ConfigurationError(f"{place}: names nothing")
     return texts
@@ -139,8 +136,7 @@ _FILE = toml_files.table(
         "drawbar_pull": toml_files.flag,
     }
 )
-#: Of the two, the last one said counts.
-_EITHER = {"drive": "part", "part": "drive"}
+_EITHER = {"drive": "part", "part": "drive"}  # Of the two, the last one said counts
 #: The wheel of the paper, with lugs for what needs them.
 WHEEL = {"radius": 0.125, "width": 0.100, "grouser_count": 12, "grouser_height": 0.010}
 SOIL = "dry-sand"

@@ -38,8 +38,7 @@ _UNKNOWN = "(measured value sought)"
 _ROUNDS = 60
 _CLOSE = 1e-11
 _CLOSE_ENOUGH = 1e-6
-#: Sinkage as a share of the radius that a drive of no further wishes is planned for.
-_DEEP = 0.4
+_DEEP = 0.4  # Sinkage as a share of the radius that a drive of no further wishes is planned for
 
 
 def check_needs(scenario: Scenario, channels: Iterable[str]) -> None:

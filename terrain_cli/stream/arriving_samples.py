@@ -31,10 +31,8 @@ if TYPE_CHECKING:
 #: Samples of a wheel that are looked at again with the next ones: they tell its usual rate, what is late, and
 #: what is a gap. Judged: enough for the median of the steps.
 BEFORE = 256
-#: Rows of a wheel among which a column on a clock of its own shows.
-_SHOWN = 128
-#: Samples of a wheel that tell whether its units can be true.
-_JUDGED = 512
+_SHOWN = 128  # Rows of a wheel among which a column on a clock of its own shows
+_JUDGED = 512  # Samples of a wheel that tell whether its units can be true
 #: A clock that stands back for so many rows in a row began anew: with the next one `alignment.split_clock`
 #: would say so, but of rows that were judged already.
 ANEW = 9
@@ -67,10 +65,8 @@ class ArrivingSamples(ABC):
         #: Samples of each wheel, and those set aside by reason.
         self.count: Counter[str] = Counter()
         self.reasons: dict[str, Counter[str]] = {}
-        #: What a person should know, in the order in which it showed.
-        self.remarks: list[str] = []
-        #: Messages that were too late to be taken.
-        self.late = 0
+        self.remarks: list[str] = []  # What a person should know, in the order in which it showed
+        self.late = 0  # Messages that were too late to be taken
 
     def check(self, came: Any) -> None:  # noqa: B027 - rows are checked as they are taken
         """Refuse a stream of which something is missing, by what came first."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import time
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -123,9 +124,8 @@ class Follow:
         for part in parts:
             wheel = self._wheels.get(part.wheel)
             if wheel is None:
-                wheel = followed_wheel.FollowedWheel(
-                    self._settings, self._file, self._stress, again=self._again
-                )
+                given = self._settings, self._file, self._stress
+                wheel = followed_wheel.FollowedWheel(*given, again=self._again)
                 self._wheels[part.wheel] = wheel
             self._fresh.add(part.wheel)
             for row in wheel.take(part):
@@ -223,14 +223,11 @@ class Follow:
 
     def _summary(self, samples: ArrivingSamples) -> list[str]:
         """Say once what came, what was wrong with it, and what was cut."""
-        late, repeated = (
-            sum(reasons[why] for reasons in samples.reasons.values()) for why in (BACKWARDS, _REPEATED)
-        )
+        every = sum(samples.reasons.values(), Counter())
+        late, repeated = every[BACKWARDS], every[_REPEATED]
         closed, cut = (sum(getattr(w, what) for w in self._wheels.values()) for what in ("closed", "cut"))
         late, repeated = late + samples.late, repeated + self._rows.repeated
         text = f"{self._rows.counted}: {self._rows.count}, late: {late}, repeated: {repeated}"
         text += f"; segments: {closed}"
-        more = [f"a soil that went on was cut every {followed_wheel.LONGEST:,} samples ({cut} times)"] * bool(
-            cut
-        )
-        return [text, *self._rows.faults(), *more]
+        more = f"a soil that went on was cut every {followed_wheel.LONGEST:,} samples ({cut} times)"
+        return [text, *self._rows.faults(), *([more] if cut else [])]

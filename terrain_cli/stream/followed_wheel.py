@@ -59,10 +59,8 @@ _OF_FIT = (
 #: The model is set against samples that are this many seconds and `SETTLED` samples old: by then 95 % of the
 #: changes of soil before them are told, which are no fault of a model.
 _WATCHED_AFTER = 25.0
-#: Seconds between two looks.
-_LOOK = 5.0
-#: Samples that are taken at once where a model is watched.
-_TOGETHER = 64
+_LOOK = 5.0  # Seconds between two looks
+_TOGETHER = 64  # Samples that are taken at once where a model is watched
 #: Pieces that are held before all are joined: so many that copies of long segments take no time.
 _PIECES = 1024
 
@@ -79,8 +77,7 @@ class OpenSegment:
 
     def __init__(self) -> None:
         self._pieces: list[Samples] = []
-        #: Samples, and those set aside ahead of the first.
-        self.count = self.ahead = 0
+        self.count = self.ahead = 0  # Samples, and those set aside ahead of the first
 
     def add(self, samples: Samples) -> None:
         """Take the samples that follow, with what is behind each among their drivers."""
@@ -126,8 +123,7 @@ class FollowedWheel:
         #: The last closed segments: the row of each, and some of its samples.
         self._held: deque[tuple[segment_table.Table, Samples]] = deque(maxlen=_HELD if again else _EARLIER)
         self._begin()
-        #: Closed segments, and those of them that were cut as they became too long.
-        self.closed = self.cut = 0
+        self.closed = self.cut = 0  # Closed segments, and those of them that were cut as they became too long
 
     def _begin(self) -> None:
         """Begin a stretch: what came before it says nothing of where its soil changes."""

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     from formats.output.bag_writer import GrowingBag
 
-#: What can be read while it grows.
-KINDS = ("csv", "geojsonl", "geojsons", "mcap")
+KINDS = ("csv", "geojsonl", "geojsons", "mcap")  # What can be read while it grows
 #: Columns that tell whether a row is of a segment that is open, or of one that was told before.
 OPEN, AGAIN = "open", "again"
 

@@ -33,16 +33,14 @@ if TYPE_CHECKING:
 FALSE_ALARMS = 0.01
 #: Innovations, in standard deviations, that a sum does without: half of the least shift that matters.
 _REFERENCE = 0.5
-#: What one second may add at the most: a stone under the wheel is no fault of the model.
-_LARGEST = 4.0
+_LARGEST = 4.0  # What one second may add at the most: a stone under the wheel is no fault of the model
 #: Samples that the model is fitted to. Judged: k and keq are known then, and few segments are shorter.
 LEARNT = 400
 #: By so much more than assumed the innovations scatter and go together over seconds, as a variance.
 #: benchmarks/watch_study.py on seeds 0 to 79, which its table does not have: 1.15 of the torque, 1.17 of the
 #: sinkage.
 _LONG_RUN = 1.2
-#: Least samples and seconds of a mean.
-_SAMPLES, _SECONDS = 20, 1.0
+_SAMPLES, _SECONDS = 20, 1.0  # Least samples and seconds of a mean
 #: Samples of a mean, times by how much the variance of a mean grows because the noise lasts. Of a first-order
 #: autoregression the means of 5 then go together by 0.06 from one to the next.
 _FORGOTTEN = 5.0
@@ -135,9 +133,8 @@ class SegmentWatch:
         held, priors, noise = estimators.assumed([windows], file)
         self._model, self._wheel = file.model, first.geometry.wheel
         channels = _channels(first)
-        fit = wheel_fit.fit(
-            file.model, self._wheel, channels, windows.bounds, fixed=held, priors=priors, noise=noise
-        )
+        given = file.model, self._wheel, channels, windows.bounds
+        fit = wheel_fit.fit(*given, fixed=held, priors=priors, noise=noise)
         values = {name: float(column[0]) for name, column in fit.values.items()}
         self._values = {**dict(held), **values, **fit.shared}
         self._names = fit.names

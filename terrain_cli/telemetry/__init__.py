@@ -161,9 +161,8 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
     """Split what a condition reads into columns of the file and channels."""
     headers = {f.name for f in layout.source.streams()[0].fields} if is_table(layout.source) else set[str]()
     columns = where.names & headers
-    known = {feed.channel for feed in layout.every_feed}.union(
-        NEEDED, () if is_table(layout.source) else ("time",)
-    )
+    always = (*NEEDED, *([] if is_table(layout.source) else ["time"]))
+    known = {feed.channel for feed in layout.every_feed}.union(always)
     for name in sorted(where.names - headers - known):
         raise InputError(
             f"{layout.source.path}: --where: there is no column {name}{nearest(name, headers | known)}",

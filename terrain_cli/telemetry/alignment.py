@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-#: Smallest default for the largest gap across which a channel is interpolated, in s.
-LEAST_GAP = 0.5
+LEAST_GAP = 0.5  # Smallest default for the largest gap across which a channel is interpolated, in s
 #: The same, in sampling intervals of the channel: two lost samples make a gap of three, and clocks jitter.
 GAP_INTERVALS = 3.5
 #: A gap so rare among samples lost at random cuts a drive: two in the longest log that is held as a whole.
@@ -22,12 +21,10 @@ _RARE = 1e-6
 #: Times are whole microseconds; a gap as long as allowed is not longer.
 RESOLUTION = 1e-6
 _BEGINNING = 10_000
-#: Fewer times do not tell what a clock counts.
-FEW_TIMES = 3
+FEW_TIMES = 3  # Fewer times do not tell what a clock counts
 #: Clocks that differ by more than this, in s, are told apart (recordings played back, simulated time).
 CLOCK_TOLERANCE = 0.5
-#: Samples for which a clock has to run forward after it restarts.
-_LEAST = 10
+_LEAST = 10  # Samples for which a clock has to run forward after it restarts
 
 
 def default_gap(time: Array) -> float:

@@ -101,9 +101,8 @@ def _model_cannot_be_fitted(
     columns = dict.fromkeys(lack.what for lack in missing if not (lack.ask or lack.lines))
     if columns:
         there = f"; this one has {', '.join(layout.extras)}" if layout.extras else ""
-        hints.append(
-            f"{', '.join(columns)}: no channel, but a numeric column that a table (CSV, Parquet) has{there}"
-        )
+        what = "no channel, but a numeric column that a table (CSV, Parquet) has"
+        hints.append(f"{', '.join(columns)}: {what}{there}")
     return InputError(f"{layout.source.path}: {text}", hint="\n".join(hints))
 
 

@@ -111,9 +111,8 @@ def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
     }
     remarks = []
     lags = {t: float(np.median((logged[t] - stamp) / np.timedelta64(1, "s"))) for t, stamp in stamps.items()}
-    restarted = [
-        t for t, stamp in stamps.items() if len(alignment.split_clock(alignment.seconds(stamp, 0.0))[0])
-    ]
+    clocks = {topic: alignment.seconds(stamp, 0.0) for topic, stamp in stamps.items()}
+    restarted = [topic for topic, clock in clocks.items() if len(alignment.split_clock(clock)[0])]
     if restarted:
         remarks.append(f"the headers' clock of {restarted[0]} begins anew: the times are the log's")
         stamps = {}
@@ -161,10 +160,8 @@ def _wheel(
         elements = [f for other in feeds.values() if other.topic == feed.topic for f in other.fields]
         listed = any("[" in f for f in feed.fields)
         rows = _in_order(topic, name, [f for f in elements if listed and "[" in f])
-        series[channel] = (
-            topic.time if rows is None else topic.time[rows],
-            values if rows is None else values[rows],
-        )
+        own = topic.time if rows is None else topic.time[rows]
+        series[channel] = own, values if rows is None else values[rows]
     clock = next((channel for channel in (*CLOCKS, *series) if channel in series), None)
     if clock is None:
         return raw

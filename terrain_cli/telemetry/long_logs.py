@@ -35,13 +35,11 @@ if TYPE_CHECKING:
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.
 MOST_ROWS = 2_000_000
-#: Usable samples of a piece.
-PIECE = 1000
+PIECE = 1000  # Usable samples of a piece
 #: Rows in a part, and rows on either side that are looked at with it: where a clock restarts, what
 #: a rate is, and across which gap a channel is interpolated depends on neighbours.
 ROWS, BESIDE = 1 << 17, 4096
-#: Number of the row of each sample, among its further columns.
-_ROW = "@row"
+_ROW = "@row"  # Number of the row of each sample, among its further columns
 
 
 class Excerpt:
@@ -82,9 +80,8 @@ class Excerpt:
         pieces = self._kept.pop(wheel)
         number = np.concatenate([numbers for _, numbers in pieces])
         whole = joined([samples for samples, _ in pieces])
-        broken = (np.diff(number, prepend=number[:1]) > 1) | (
-            np.diff(whole.stretch, prepend=whole.stretch[:1]) != 0
-        )
+        broken = np.diff(number, prepend=number[:1]) > 1
+        broken |= np.diff(whole.stretch, prepend=whole.stretch[:1]) != 0
         total = self._seen[wheel] if self._rows[wheel] else None
         return replace(whole, stretch=np.cumsum(broken), drive=whole.stretch, total=total)
 

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.topic_discovery import TopicCandidate
     from terrain_cli.vocabulary.units import Unit
 
-#: The name of a wheel that nothing names.
-ONLY_WHEEL = "wheel"
+ONLY_WHEEL = "wheel"  # The name of a wheel that nothing names
 
 
 def is_table(source: Source) -> bool:
@@ -190,9 +189,8 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
     stream = streams[topic]
     if topic and entry.field is None and (meant := _meant(entry, stream, wheel)):
         unit = entry.unit or meant.unit
-        return replace(
-            meant, unit=unit, scale=entry.scale, offset=entry.offset, asked=True, stated=base.stated
-        )
+        meant = replace(meant, unit=unit, scale=entry.scale, offset=entry.offset)
+        return replace(meant, asked=True, stated=base.stated)
     fields = {f.name: f for f in stream.fields}
     name = (entry.field if topic else entry.column) or (next(iter(fields)) if len(fields) == 1 else "")
     if name not in fields:

@@ -122,10 +122,9 @@ class OwnClocks:
             f"wheel {wheel}: columns are filled on clocks of their own: {self.slowest} has a value every "
             f"{self.interval:.3g} s, and its {samples} rows are the samples"
         )
-        between = f"; in {interpolated} of them others are interpolated between two neighbours" * bool(
-            interpolated
-        )
-        return Notice(text + between)
+        if interpolated:
+            text += f"; in {interpolated} of them others are interpolated between two neighbours"
+        return Notice(text)
 
 
 def find(raw: Raw) -> OwnClocks | None:
@@ -142,9 +141,8 @@ def find(raw: Raw) -> OwnClocks | None:
     for name in sorted(sparse, key=lambda one: np.count_nonzero(counted[one])):
         interval, regular = clocks[name]
         slower = regular and interval > _INTERVALS * usual
-        fullest = max(
-            (mask for other, mask in counted.items() if other != name), key=np.count_nonzero, default=None
-        )
+        others = [mask for other, mask in counted.items() if other != name]
+        fullest = max(others, key=np.count_nonzero, default=None)
         if slower or (fullest is not None and _avoid(counted[name], fullest)):
             intervals = {
                 other: clocks[other][0]

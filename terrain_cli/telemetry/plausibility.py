@@ -36,23 +36,19 @@ LEAST_PRESSURE = 200.0
 MOST_TORQUE = 2.5
 #: T/(W r) over the slip. Ranges: 0.08 and more, from a slip of 0.05 on; an offset may take most of it.
 LEAST_TORQUE = 0.02
-#: What is further out of bounds by this factor is a wrong unit and no odd soil: judged.
-FAR = 4.0
+FAR = 4.0  # What is further out of bounds by this factor is a wrong unit and no odd soil: judged
 #: Time and velocity against the track. A wheel on the outside of a tight turn drives three times as far as
 #: the body, and one that slips by 0.8 five times if V is its rim's; wrong units of time make 60 and more.
 MOST_DISTANCE = 10.0
-#: A satellite receiver that stands still wanders by some 10 m, there and back; m.
-WANDERING = 50.0
+WANDERING = 50.0  # A satellite receiver that stands still wanders by some 10 m, there and back; m
 #: V/(ω r) with a torque that drives. Ranges: T/(W r) at 2 and more is below −0.07; friction adds 0.1 to that.
 MOST_SKID, DRIVING = 2.0, 0.1
 #: A measured slip against that of ω and V. Another radius (tips of grousers, loaded tyre) makes 0.2.
 ODD_SLIP, WRONG_SLIP = 0.3, 0.5
 #: z/r. Ranges: 0.001 and more; and no sensor resolves a fiftieth of a millimetre on a wheel of 10 cm.
 LEAST_DEPTH = 2e-4
-#: Pitch and roll in rad: no soil lies steeper than 45°.
-STEEPEST = 1.0
-#: A motor's windings are burnt at 180 °C (class H); 20 °C are 293 K.
-HOTTEST = 200.0
+STEEPEST = 1.0  # Pitch and roll in rad: no soil lies steeper than 45°
+HOTTEST = 200.0  # A motor's windings are burnt at 180 °C (class H); 20 °C are 293 K
 #: Distance between two samples in r: what one tells of the soil the next does not. Judged: 2.5 m of a wheel
 #: of 12.5 cm; a rover that sends a sample every 20 s drives 1 m between them.
 SPARSE = 20.0

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-#: How soon after a clock's zero its first stamps come.
-_SOON = np.timedelta64(10, "s")
+_SOON = np.timedelta64(10, "s")  # How soon after a clock's zero its first stamps come
 #: Rows read at once of a table that may be too long to be held: half as many more take 50 MB more.
 _AT_ONCE = 65_536
 #: The Sun has 2e30 kg and an electron 1e-30 kg: nothing on a rover is larger or smaller in any unit, and the

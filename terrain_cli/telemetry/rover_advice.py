@@ -23,16 +23,14 @@ if TYPE_CHECKING:
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.
 _WITH_DIRECTION = {"torque", "drawbar_pull", "acceleration"}
-#: How a reason begins where the data are silent.
-NOWHERE = "nothing measures it"
+NOWHERE = "nothing measures it"  # How a reason begins where the data are silent
 #: Every channel from which a needed one, or the place of a sample, may come.
 SOURCES = (
     *NEEDED,
     *("time", "run", "terrain", "entry_angle", "angular_velocity", "velocity", "pitch", "roll", "yaw_rate"),
     *("motor_current", "motor_temperature", "x", "y", "longitude", "latitude"),
 )
-#: More names than this help nobody.
-MOST = 8
+MOST = 8  # More names than this help nobody
 
 
 class Lack(NamedTuple):
@@ -147,9 +145,8 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
     if "slip" in derived:
         channels["slip"] = derived_channels.slip(channels["angular_velocity"], channels["velocity"], radius)
     if "velocity" in derived:
-        channels["velocity"] = derived_channels.velocity(
-            channels["angular_velocity"], channels["slip"], radius
-        )
+        omega, slip = channels["angular_velocity"], channels["slip"]
+        channels["velocity"] = derived_channels.velocity(omega, slip, radius)
 
 
 def because(plan: Plan, wheel: str, lack: Lack) -> str:

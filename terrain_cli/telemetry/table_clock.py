@@ -18,20 +18,17 @@ from terrain_cli.vocabulary.channels import CHANNELS, TimeName, stated_unit, tim
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
 
-#: Rows that are looked at.
-_ROWS = 65_536
+_ROWS = 65_536  # Rows that are looked at
 #: A column rises if it does so at this share of its steps: sweeps of up to 20 points fall back more often.
 _RISING = 0.95
 #: The rows of so many wheels may share a time, where no column names the wheel. Rovers have up to 8.
 _WHEELS = 8
-#: So many rows are in rising order by chance in one of 10! tables.
-_FEW = 10
+_FEW = 10  # So many rows are in rising order by chance in one of 10! tables
 #: Steady points are set by hand. A table of so many, each beyond the one before in a column that does not
 #: just count them, is a log. Judged: a published table of 189 points (Pavlov 2022) has no such column.
 _MANY = 100
 _TIME_OF_DAY = re.compile(r"(.*[T ])?\d{1,2}:\d\d(:\d\d)?([.,]\d+)?\s*\S{0,6}")
-#: Columns that are offered at the most.
-_OFFERED = 3
+_OFFERED = 3  # Columns that are offered at the most
 
 
 class _Rise(NamedTuple):

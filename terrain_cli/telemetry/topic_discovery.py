@@ -43,10 +43,8 @@ _UNITS = (
     (r"NavSatFix", r"altitude", "m"),
     (r"Temperature", r"temperature", "°C"),
 )
-#: Rank of what is called as a channel is: above what a standard message is taken to mean.
-NAMED = -1
-#: Members of single-valued messages that only say that there is a value.
-_VALUE = ({"data"}, {"value"})
+NAMED = -1  # Rank of what is called as a channel is: above what a standard message is taken to mean
+_VALUE = ({"data"}, {"value"})  # Members of single-valued messages that only say that there is a value
 #: Channels that every wheel has of its own, so that several of one kind tell the wheels.
 OF_WHEELS = (
     *("torque", "motor_current", "load", "sinkage", "entry_angle", "angular_velocity"),
@@ -193,10 +191,8 @@ def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicC
         if match.channel == "wheel":
             label = field.name if field.kind == "text" else label
         elif field.kind == "numbers":
-            found += [
-                TopicCandidate(_named(stream, match, f"{field.name}[{name}]"), (name,))
-                for name in field.elements
-            ]
+            names = {name: f"{field.name}[{name}]" for name in field.elements}
+            found += [TopicCandidate(_named(stream, match, path), (name,)) for name, path in names.items()]
         elif _fits(field, match.channel):
             found.append(TopicCandidate(_named(stream, match, field.name), _places(stream)))
     return found, label

@@ -21,12 +21,10 @@ if TYPE_CHECKING:
 
 #: Samples that are kept: the 5th and 95th percentile of so many are known to a hundredth of a deviation.
 MOST = 1 << 14
-#: Blocks into which a part is cut to set the distance beside the track: enough for a median.
-BLOCKS = 8
+BLOCKS = 8  # Blocks into which a part is cut to set the distance beside the track: enough for a median
 #: Metres in a degree of the Earth's meridian. The Moon's is 0.27 of that: no check is so fine as to see it.
 _DEGREE = 111_195.0
-#: What has the unit of another channel.
-ALIKE = {"x": "y", "longitude": "latitude"}
+ALIKE = {"x": "y", "longitude": "latitude"}  # What has the unit of another channel
 #: Samples of which none differs from the others; and what a person reads off a scale.
 STUCK, ROUNDED = 20, ("sinkage", "entry_angle")
 #: Share of a drive in which a channel is frozen, that weighs on an estimate. Judged.
@@ -37,8 +35,7 @@ LONG = 0.1
 #: size, 0.35 to 0.87. A pull in pounds that is read in newtons has 0.22 of it. Where they were less alike,
 #: noise or soils that change within a stretch made 0.04.
 LEAST_PULL, MOST_PULL, ALIKE_PULL, FEWEST = 0.3, 1.2, 0.9, 10
-#: What a typical drive has of that.
-_PULL = 0.95
+_PULL = 0.95  # What a typical drive has of that
 
 
 class UnitEvidence:
@@ -48,14 +45,11 @@ class UnitEvidence:
         self.geometry, self.feeds = geometry, feeds
         #: Channels that are neither derived nor a constant of rover.toml.
         self.measured = frozenset(name for name, feed in feeds.items() if feed.constant is None)
-        #: Median time between two samples in s; NaN without a clock.
-        self.interval = np.nan
-        #: Samples of which the ends are known.
-        self.count = 0
+        self.interval = np.nan  # Median time between two samples in s; NaN without a clock
+        self.count = 0  # Samples of which the ends are known
         #: The places are longitudes and latitudes, or metres of a map: from a satellite receiver.
         self.on_earth = False
-        #: Least and greatest value of each channel.
-        self.ends: dict[str, tuple[float, float]] = {}
+        self.ends: dict[str, tuple[float, float]] = {}  # Least and greatest value of each channel
         #: Of each block: metres by time and velocity, metres along the track, metres from its first place to
         #: its last, and how much of that is the jitter of the places.
         self.blocks: list[tuple[float, float, float, float]] = []
@@ -190,9 +184,8 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
         if suspicion.mend is None:
             told.append(Doubt(f"{what}; see whether {feed.place} is what it is taken for"))
         else:
-            told.append(
-                Doubt(f"{what}: {_if(feed, suspicion)}, {', '.join(lines)} under {header} of rover.toml")
-            )
+            mending = f"{_if(feed, suspicion)}, {', '.join(lines)} under {header} of rover.toml"
+            told.append(Doubt(f"{what}: {mending}"))
     return told
 
 
@@ -235,9 +228,8 @@ def pull(e: UnitEvidence) -> Suspicion | None:
     middle = float(np.median(known))
     if LEAST_PULL <= middle <= MOST_PULL:
         return None
-    what = (
-        f"drawbar_pull changes by {middle:.2g} of what torque over wheel radius changes by, at the same load"
-    )
+    share = f"{middle:.2g} of what torque over wheel radius changes by"
+    what = f"drawbar_pull changes by {share}, at the same load"
     options = {
         **{Mend("drawbar_pull", unit): 1.0 for unit in ("kgf", "lbf", "kN", "mN")},
         Mend("drawbar_pull", "kgf", 1e-3): 1.0,

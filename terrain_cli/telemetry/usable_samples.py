@@ -99,9 +99,8 @@ class Condition:
     @property
     def names(self) -> set[str]:
         """The columns that the condition reads."""
-        return {
-            self._quoted.get(node.id, node.id) for node in ast.walk(self._tree) if isinstance(node, ast.Name)
-        }
+        names = (node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name))
+        return {self._quoted.get(name, name) for name in names}
 
     def holds(self, columns: Mapping[str, Column]) -> Mask:
         """Tell in which rows the condition holds: not where it turns on a number or time that is missing."""
@@ -111,9 +110,8 @@ class Condition:
         """Return where a condition holds and where it does not: neither where a value is missing."""
         match node:
             case ast.BoolOp(op=op, values=values):
-                return _joined(
-                    [self._evaluate(value, columns) for value in values], every=isinstance(op, ast.And)
-                )
+                parts = [self._evaluate(value, columns) for value in values]
+                return _joined(parts, every=isinstance(op, ast.And))
             case ast.UnaryOp(operand=operand):
                 return self._evaluate(operand, columns)[::-1]
             case ast.Compare(left=left, ops=ops, comparators=others):

@@ -29,10 +29,8 @@ if TYPE_CHECKING:
 CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "load")
 #: Said of every wheel, so that they tell none apart.
 _GENERIC = re.compile(r"wheel|joint|motor|drive", re.IGNORECASE)
-#: Shorter texts occur inside others by chance.
-_LONG_ENOUGH = 4
-#: What the line y = c + x tan φ is computed from.
-NEEDED = ("load", "torque", "sinkage", "slip")
+_LONG_ENOUGH = 4  # Shorter texts occur inside others by chance
+NEEDED = ("load", "torque", "sinkage", "slip")  # What the line y = c + x tan φ is computed from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -281,6 +279,5 @@ class Samples:
         """Count the samples set aside by reason, the most frequent first."""
         codes = self.set_aside.codes
         counts = np.bincount(codes[codes >= 0], minlength=len(self.set_aside.names))
-        return {
-            self.set_aside.names[j]: int(counts[j]) for j in np.argsort(-counts, kind="stable") if counts[j]
-        }
+        order = np.argsort(-counts, kind="stable")
+        return {self.set_aside.names[j]: int(counts[j]) for j in order if counts[j]}

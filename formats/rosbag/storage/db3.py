@@ -44,14 +44,10 @@ _PRIMES = 1_000_003, 1_009
 _HEADER, _VERSION, _COMMITS = 100, 19, slice(24, 28)
 #: Bytes that SQLite locks (https://www.sqlite.org/lockingv3.html): to write at all, and to write the file.
 _RESERVED, _SHARED = (0x40000001, 1), (0x40000002, 510)
-#: `struct flock` of Linux: kind, whence, first byte, length, process.
-_LOCK = struct.Struct("@hhqqi")
-#: How a journal begins that is not yet done with.
-_JOURNAL = bytes.fromhex("d9d505f920a163d7")
-#: Looks in which a journal stands without its writer: one may fall between two commits.
-_DEAD = 5
-#: Rows in one question.
-_ROWS = 5_000
+_LOCK = struct.Struct("@hhqqi")  # `struct flock` of Linux: kind, whence, first byte, length, process
+_JOURNAL = bytes.fromhex("d9d505f920a163d7")  # How a journal begins that is not yet done with
+_DEAD = 5  # Looks in which a journal stands without its writer: one may fall between two commits
+_ROWS = 5_000  # Rows in one question
 
 
 class Db3File:
@@ -64,8 +60,7 @@ class Db3File:
         self.spans: dict[int, tuple[int, int]] = {}
         self._leaves: Leaves | None = None
         self._opened = ExitStack()
-        #: Closes what is open.
-        self.close = self._opened.close
+        self.close = self._opened.close  # Closes what is open
 
     def open(self) -> None:
         """Read what topics there are."""
@@ -118,9 +113,8 @@ class Db3File:
 
     def _plain(self, database: sqlite3.Connection) -> Leaves | None:
         """Return what reads the messages in bulk, if they are as all recorders write them."""
-        columns = [
-            (name, kind, key) for _, name, kind, _, _, key in database.execute("PRAGMA table_info(messages)")
-        ]
+        described = database.execute("PRAGMA table_info(messages)")
+        columns = [(name, kind, key) for _, name, kind, _, _, key in described]
         if columns != _PLAIN:
             return None
         ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE lower(name) = 'messages'")

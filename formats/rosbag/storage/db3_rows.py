@@ -33,10 +33,8 @@ _LEAF_HEAD = 8
 #: No row of a message takes less of its page: where it begins (2 bytes), its size, its key, the size
 #: of its head and four types.
 _LEAST = 9
-#: SQLite's own limit of the pages from a root to a leaf.
-_DEEPEST = 20
-#: Bytes of an integer by its serial type; −1 where a type is none.
-_WIDTHS = np.full(128, -1)
+_DEEPEST = 20  # SQLite's own limit of the pages from a root to a leaf
+_WIDTHS = np.full(128, -1)  # Bytes of an integer by its serial type; −1 where a type is none
 for _serial in (1, 2, 3, 4, 5, 6, 8, 9):
     ((_, _begin, _end),) = layout(bytes((2, _serial)))
     _WIDTHS[_serial] = _end - _begin
@@ -174,10 +172,8 @@ def _decoded(block: Bytes, page: Index, pages: Pages) -> Rows:
     plain &= ~inside | (record + length <= base + usable)
     if not (plain & (offset >= _LEAF_HEAD + 2 * count[of])).all():
         raise BrokenPageError("a row is not plain")
-    topic, time = (
-        _integers(block, record + head, topic, topic_width),
-        _integers(block, time_at, time, time_width),
-    )
+    topic = _integers(block, record + head, topic, topic_width)
+    time = _integers(block, time_at, time, time_width)
     begin = np.where(inside, begin - base + (page[of] - 1) * size, -1)
     return np.array([number, topic, time, begin, payload])
 

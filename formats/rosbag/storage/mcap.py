@@ -42,8 +42,7 @@ _INDEX, _MESSAGE = 6, 22
 _MESSAGE_CODE, _CHUNK_CODE = 0x05, 0x06
 #: Of a record; and of a chunk first and last log time, size, checksum, length of its packing's name.
 _CODE_AND_LENGTH, _LENGTH, _CHUNK = struct.Struct("<BQ"), struct.Struct("<Q"), struct.Struct("<QQQII")
-#: Of a message, as NumPy reads it below.
-_TIME = struct.Struct("<q")
+_TIME = struct.Struct("<q")  # Of a message, as NumPy reads it below
 #: The footer (where the summary begins, and that of its offsets; its checksum), and the magic behind it.
 _END = struct.Struct("<BQQQI8s")
 #: Bytes of it that no checksum covers.

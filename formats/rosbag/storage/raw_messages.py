@@ -27,8 +27,7 @@ FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionF
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
 #: `Messages.order` of the first byte of the n-th chunk or piece is n times this: these are smaller.
 ORDER = 1 << 40
-#: A log time this far from those around it, in ns, is no time of this log.
-WILD = 3600 * 10**9
+WILD = 3600 * 10**9  # A log time this far from those around it, in ns, is no time of this log
 
 
 if sys.version_info >= (3, 14):
@@ -45,12 +44,9 @@ _MAKERS: dict[str, Callable[[], Any]] = {
 
 #: What unpacking raises of bytes that are cut off or corrupt: bz2 an OSError, lz4 a RuntimeError.
 CORRUPT = (ValueError, OSError, RuntimeError, zstd.ZstdError)
-#: What reading the records of a damaged file raises.
-DAMAGE = (*CORRUPT, EOFError, struct.error)
-#: Messages that are taken before their bytes are counted.
-_COUNTED = 64
-#: LZ4 packs 255 times at its best: as much as this cannot become more than 1 GiB.
-_LZ4_AT_ONCE = 4 << 20
+DAMAGE = (*CORRUPT, EOFError, struct.error)  # What reading the records of a damaged file raises
+_COUNTED = 64  # Messages that are taken before their bytes are counted
+_LZ4_AT_ONCE = 4 << 20  # LZ4 packs 255 times at its best: as much as this cannot become more than 1 GiB
 
 
 def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) -> bytes:

@@ -57,16 +57,13 @@ class RecordFile(SalvagedFile):
         #: Where the next record begins, and whether the last one was read.
         self.at = len(self.magic)
         self.ended = False
-        #: The file is still being written: what is cut off is waited for.
-        self.growing = False
+        self.growing = False  # The file is still being written: what is cut off is waited for
         #: There is more than was asked for; and pieces that were handed over.
         self.full, self._handed = False, 0
-        #: What the file says of its connections.
-        self.told: Told = {}
+        self.told: Told = {}  # What the file says of its connections
         #: First and last log time of what can be read, as it lies in the file; None where something is lost.
         self.walk: list[Span | None] = []
-        #: No checksum vouches for some of it.
-        self.unchecked = False
+        self.unchecked = False  # No checksum vouches for some of it
         #: Messages in no chunk, as rows of a piece, places being those in the file.
         self._loose: list[Row] = []
 

@@ -297,9 +297,7 @@ class SalvagedDb3(SalvagedFile):
         """Read the messages of some connections; see `salvaged_file.SalvagedFile.runs`."""
         rows = self._rows[np.isin(self._rows[:, 0], np.array(sorted(wanted), dtype=np.int64))]
         rows = rows[np.lexsort((rows[:, 4], rows[:, 1]))]
-        found = (
-            (topic, time, self._payload(begin, length)) for topic, time, begin, length, _ in rows.tolist()
-        )
+        found = ((topic, time, self._payload(at, size)) for topic, time, at, size, _ in rows.tolist())
         yield from collected(found, size)
 
     def _payload(self, begin: int, size: int) -> bytes:

@@ -96,9 +96,7 @@ class SalvagedFile(ABC):
             for number, rows in by_connection(piece.rows):
                 widen(self.spans, number, rows[:, 1])
                 counts[number] = counts.get(number, 0) + len(rows)
-        self.connections = [
-            connection._replace(msgcount=counts.get(number, 0)) for number, connection in known.items()
-        ]
+        self.connections = [one._replace(msgcount=counts.get(number, 0)) for number, one in known.items()]
         self.recovery.read = sum(counts.values())
         self.recovery.first = min((start for start, _ in self.spans.values()), default=None)
         if self.recovery.expected is not None:

@@ -53,9 +53,8 @@ class SalvagedMcap(RecordFile):
 
     def account(self) -> int | None:
         if not self.ended and not self.recovery.damage:
-            self.lose(
-                f"cut off at byte {len(self.data):,}: the end of the file and with it the index are missing"
-            )
+            missing = "the end of the file and with it the index are missing"
+            self.lose(f"cut off at byte {len(self.data):,}: {missing}")
         self.recovery.whole_known = self.ended
         if self._counts is not None:
             self.recovery.expected = sum(self._counts.values())
@@ -204,9 +203,8 @@ class SalvagedMcap(RecordFile):
                 continue
             schema_number, topic, encoding = channel
             if encoding != "cdr":
-                self.recovery.damage.append(
-                    f"{topic} is encoded as {encoding[:20]!r}; only 'cdr' can be read"
-                )
+                what = f"{topic} is encoded as {encoding[:20]!r}; only 'cdr' can be read"
+                self.recovery.damage.append(what)
                 continue
             schema = agreed(self.told.get((_SCHEMA, schema_number), []) or [(False, None)])
             name, schema_encoding, text = schema or ("__schemaless__", "", "")

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 _MESSAGE, _INDEX, _CHUNK, _CONNECTION = 2, 4, 5, 7
 _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
-#: The header of a chunk has three short fields.
-_LONGEST_CHUNK_HEADER = 80
+_LONGEST_CHUNK_HEADER = 80  # The header of a chunk has three short fields
 
 _SECOND = 1_000_000_000
 _LONGEST_HEADER = 1 << 20
@@ -106,14 +105,11 @@ class SalvagedRos1(RecordFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        #: Where the index at the end of the file begins, by its header.
-        self._index_at: int | None = None
+        self._index_at: int | None = None  # Where the index at the end of the file begins, by its header
         #: Chunks of the log, and connections and chunks together that the header promises in that index.
         self._chunks = self._promised = 0
-        #: Records that stand there, and those of chunks among them.
-        self._indexed = self._counted = 0
-        #: Messages and the last log time, by the index.
-        self._messages = self._end = 0
+        self._indexed = self._counted = 0  # Records that stand there, and those of chunks among them
+        self._messages = self._end = 0  # Messages and the last log time, by the index
 
     def account(self) -> int | None:
         recovery, size, index = self.recovery, len(self.data), self._index_at
