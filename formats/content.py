@@ -141,7 +141,6 @@ class TextStream(io.RawIOBase):
         self._buffer = self._as_utf8(self._buffer)
 
     def readable(self) -> bool:
-        """Say that this can be read."""
         return True
 
     def close(self) -> None:
@@ -228,7 +227,6 @@ class SalvagedText(TextStream):
             raise DamagedError(path, f"{self.cut_short}, before anything can be unpacked") from error
 
     def read(self, size: int = -1) -> bytes:
-        """Read `size` bytes of UTF-8, fewer only at the end."""
         size = size if size >= 0 else 1 << 20
         while not self._ended and len(self._held) < size + _HELD:
             data = super().read(size + _HELD - len(self._held))

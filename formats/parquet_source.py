@@ -67,7 +67,6 @@ class ParquetSource(Source):
         return (Stream(topic="", type="table", fields=fields, count=self._rows),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
-        """Read the named columns, in the order of the parts."""
         for name in fields:
             if topic or name not in self._kinds:
                 raise FormatError(self.label, f"has no column {name!r}")

@@ -30,8 +30,7 @@ class Recovery:
     read: int = 0
     expected: int | None = None  # How many there were, where something tells it
     aside: int = 0  # Messages that are there, but cannot be trusted or decoded
-    #: Of the file: those that made sense, and those it had when it was whole (or has, where that cannot be
-    #: known).
+    #: Bytes that made sense, and those of the file when it was whole, or of what is there if nothing tells.
     bytes_read: int = 0
     bytes_expected: int | None = None
     whole_known: bool = False  # `bytes_expected` is the size of the whole file
@@ -44,7 +43,6 @@ class Recovery:
 
     @property
     def damaged(self) -> bool:
-        """Something is wrong with the file."""
         return bool(self.damage or self.aside)
 
     @property

@@ -66,7 +66,6 @@ class WktShape:
     points: tuple[tuple[float, ...], ...]  # (x, y) or (x, y, z) each
 
     def wkb(self) -> bytes:
-        """Return the shape as well-known binary (ISO 19125)."""
         size = len(self.points[0])
         code = (1 if self.kind == "Point" else 2) + 1000 * (size - 2)
         count = b"" if self.kind == "Point" else struct.pack("<I", len(self.points))

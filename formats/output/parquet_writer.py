@@ -24,8 +24,7 @@ GEOMETRY = "geometry"  # Of the binary geometry, which stands beside the text
 
 def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry: str) -> None:
     """Write the parts of a table, of which one is held at a time, as Parquet; empty cells are null."""
-    # With a column of WKT it becomes GeoParquet 1.1, and gains the column `GEOMETRY` of WKB: a reader that
-    # does not know it still has the text.
+    # WKT gets a column of WKB beside it, as GeoParquet 1.1 has it: who does not know that still has the text.
     extent = Extent()
     with ExitStack() as stack:
         writer = None

@@ -52,7 +52,6 @@ class _Arrivals(Container):
         self._begin(part or Path(path))
 
     def _begin(self, file: Path) -> None:
-        """Read a file from now on."""
         self._opened_part.close()
         self._part, self._closed = file, 0.0
         self._known: dict[int, int] = {}
@@ -120,7 +119,6 @@ class _Arrivals(Container):
         return sum(len(messages) for run in runs for messages in run.values())
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:  # noqa: ARG002
-        """Return messages in the order in which they came."""
         for run in self._came:
             own = {place: messages for place, messages in run.items() if place in wanted}
             if own:
@@ -136,7 +134,6 @@ class _Arrivals(Container):
         return max(end for _, end in ends) - min(start for start, _ in ends) if ends else 0
 
     def drop(self) -> None:
-        """Forget the messages that were taken."""
         self._came.clear()
 
 
@@ -159,12 +156,10 @@ class ArrivingBag(BagSource):
 
     @property
     def ended(self) -> bool:
-        """Nothing more will come."""
         return self._arrivals.ended
 
     @property
     def begun(self) -> bool:
-        """A message came."""
         return self.count > 0
 
     @property
@@ -174,7 +169,6 @@ class ArrivingBag(BagSource):
 
     @property
     def full(self) -> bool:
-        """More was there than was taken."""
         return self._arrivals.full
 
     def prepare(self, data: bytes, *, hurry: bool) -> bool:  # noqa: ARG002 - the file is read in larger pieces
@@ -217,7 +211,6 @@ class ArrivingBag(BagSource):
                     readings[place] = reading
 
     def faults(self) -> list[str]:
-        """Say what was wrong with the file."""
         aside, rest = self._arrivals.recovered.aside, self._arrivals.rest + self._arrivals.reader.rest
         return [
             *self._arrivals.damage,

@@ -170,7 +170,6 @@ class Recording:
                 self.files = self._unpack(stack)
 
     def name(self, file: Path) -> str:
-        """Return how messages name one of the files."""
         return (
             self.path if file == Path(self.path) else str(Path(self.path, self._names.get(file, file.name)))
         )

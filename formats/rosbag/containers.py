@@ -159,7 +159,6 @@ class Container:
         self._recording.complete(self.recovery)
 
     def _salvage(self, file: Path) -> SalvagedFile:
-        """Open what is left of a file."""
         name = self._recording.name(file)
         check(file, self.kind, name, salvage=True)
         reader: SalvagedFile

@@ -52,7 +52,6 @@ class Decoder:
         ]
 
     def elements(self, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
-        """Tell how the elements of lists are called in one message; see `elements_of`."""
         try:
             return elements(self.definition, message, lists)
         except UnevenError:
@@ -60,7 +59,6 @@ class Decoder:
             return [elements_of(decoded, leaf) for leaf in lists]
 
     def message(self, payload: bytes, row: int = 0) -> object:
-        """Decode one message with rosbags."""
         try:
             store = self.definition.store
             if self.definition.ros1:
@@ -89,7 +87,6 @@ class Decodable:
         remarks[:0] = self._told
 
     def only(self, runs: Iterable[Run], decoders: Mapping[int, Decoder]) -> Iterator[Run]:
-        """Leave out of each run what cannot be decoded."""
         for run in runs:
             kept = {place: self._kept(place, messages, decoders[place]) for place, messages in run.items()}
             yield {place: messages for place, messages in kept.items() if len(messages)}

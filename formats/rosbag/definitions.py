@@ -62,8 +62,7 @@ class Leaf:
     base: str  # The base type, or `TIME` or `DURATION`
     path: Path  # The members that lead to the value or to the list
     inner: Path = ()  # The members that lead on from each element, where the elements are messages
-    #: What names the elements: the path of the list ``name`` beside a list of values, or ("name",) where each
-    #: element is a message with the text ``name``.
+    #: What names the elements: the path of the list ``name`` beside them, or ("name",) within each of them.
     names: Path | None = None
 
     @property

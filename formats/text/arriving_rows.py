@@ -57,7 +57,6 @@ class ArrivingRows(Source):
 
     @property
     def begun(self) -> bool:
-        """Something came."""
         return bool(self._head)
 
     def prepare(self, data: bytes, *, hurry: bool) -> bool:
@@ -88,7 +87,6 @@ class ArrivingRows(Source):
         return True
 
     def _refuse(self) -> None:
-        """Refuse what is no text."""
         kind = content(self.label, self._head)
         if kind in COMPRESSED:
             hint = "unpack it on the way: zcat run.csv.gz |"
@@ -187,7 +185,6 @@ class ArrivingRows(Source):
         return found
 
     def streams(self) -> tuple[Stream, ...]:
-        """Return the one table."""
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items())
         return (Stream(topic="", type="table", fields=fields),)
 
@@ -201,7 +198,6 @@ class ArrivingRows(Source):
             yield batch
 
     def faults(self) -> list[str]:
-        """Say what was wrong with rows and cells."""
         kinds = {"number": "no number", "time": "no time"}
         return [
             *(f"rows {what}, passed over: {count}" for what, count in self.odd.items() if count),

@@ -200,8 +200,7 @@ def columns(
     stream: TextStream, delimiter: str, decimal: str, width: int, kinds: Mapping[int, pa.DataType]
 ) -> Generator[list[pa.Array], None, None]:
     """Read those of `width` columns that are in `kinds`; before an OddError what came is right."""
-    # Odd is a row of other width, a cell that is no number or loses digits as float64, a quote mark, a NUL
-    # byte.
+    # Odd is a row of other width, a cell that is no number or loses digits, a quote mark, a NUL byte.
     names = [str(place) for place in range(width)]
     # Every spelling of a missing value is compared with every cell. Most numbers are there, or the cell is
     # empty, or a NaN, which is a number; the other spellings are looked for where that does not do.

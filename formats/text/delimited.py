@@ -51,8 +51,7 @@ _Findings: TypeAlias = dict[tuple[str, str], _Finding]
 class DelimitedSource(Source):
     """A CSV, TSV or semicolon table; with `salvage` one that is cut off is read up to its last whole row."""
 
-    # Rows are counted as a spreadsheet does, from the first line of the file, blank ones after the header
-    # not.
+    # Rows are counted as a spreadsheet does, from the first line of the file, but for blank ones.
 
     def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
         super().__init__(path, "csv")
@@ -86,7 +85,6 @@ class DelimitedSource(Source):
         return (Stream(topic="", type="table", fields=fields, count=self._count),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
-        """Read the named columns, in the order of the file."""
         for name in fields:
             if topic or not name or name not in self._kinds:
                 raise FormatError(self.label, f"has no column {name!r}")

@@ -120,7 +120,6 @@ class Folder:
         return self.records.read(kept) if kept and self.records else None
 
     def put(self, name: str, data: bytes) -> None:
-        """Write a file below the folder whole."""
         manifest.put(data, self.state / _NEW, self.path / name)
 
     @property

@@ -111,7 +111,6 @@ class Assemble:
     kinds: Sequence[str]
 
     def run(self) -> Reply:
-        """Write them into the folder of what is not ready."""
         import formats
         from terrain_cli.presentation import segment_files, segment_table
 

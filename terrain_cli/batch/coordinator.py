@@ -42,8 +42,7 @@ class Tally:
     """How far a batch has come."""
 
     total: int = 0  # Inputs for which something is to be done
-    # Of those finished: "ok", "restored", "failed", "duplicate". Of the others: "as before", and "failed
-    # before".
+    # Finished: "ok", "restored", "failed", "duplicate"; the others: "as before", and "failed before".
     counts: Counter[str] = field(default_factory=Counter)
     # bytes_total, bytes_done: with something for each input, however small
     bytes_total: int = 0
@@ -105,7 +104,6 @@ class Keeper:
 
     @property
     def idle(self) -> bool:
-        """Whether there is nothing left to do."""
         return not (self._queue or self._ready or self._running)
 
     def step(self, seconds: float) -> None:

@@ -36,8 +36,7 @@ Status = Literal["ok", "failed", "duplicate"]
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """Have Ctrl-C, SIGTERM and SIGHUP wait until what belongs together is done."""
-    # Handlers run in the main thread, whichever the system gives them to: a mask would keep them from one
-    # only.
+    # Handlers run in the main thread, whichever gets the signal: a mask would keep it from one only.
     if threading.current_thread() is not threading.main_thread():
         yield
         return

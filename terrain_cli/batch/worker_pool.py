@@ -112,7 +112,6 @@ class Child:
 
     @property
     def alive(self) -> bool:
-        """Whether it can take another task."""
         return self._process.poll() is None
 
     def kill(self) -> None:

@@ -198,7 +198,6 @@ class LongWheel:
         return self._estimates[0]
 
     def account(self, remarks: Sequence[str]) -> dict[str, Any]:
-        """Say what became of its samples, as the summary shows it."""
         assert self._first is not None  # noqa: S101 - a wheel is there once it has samples
         remarks = list(remarks)
         if self._settings.automatic:

@@ -28,8 +28,7 @@ class Outcome:
     """What became of one input."""
 
     table: segment_table.Table  # The rows of its segments, from `segment_table.table`
-    # Samples read, used and set aside by wheel and reason, origins of the channels, remarks; as the summary
-    # shows it
+    # Samples read, used, set aside by wheel and reason, origins of channels, remarks: as the summary has it
     account: dict[str, Any]
     # Behind the rows of `table`, one for each wheel
     estimates: list[WindowEstimates] = field(default_factory=list)

@@ -41,7 +41,6 @@ class Settings:
 
     @property
     def stress(self) -> float | None:
-        """`at_stress` in Pa."""
         return None if self.at_stress is None else 1e3 * self.at_stress
 
     def document(self) -> dict[str, Any]:

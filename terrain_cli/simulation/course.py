@@ -41,8 +41,7 @@ class Ride:
 
     place: Place
     time: Array  # shape (n,)
-    # shape (n,): load and slip as the soil feels them, the velocity of the wheel centre, and what is of the
-    # body
+    # shape (n,): load and slip as the soil feels them, velocity of the wheel centre, what is of the body
     smooth: dict[str, Array]
     soil: Index  # shape (n,): index into the soils of the scenario
     pass_number: Array  # shape (n,)

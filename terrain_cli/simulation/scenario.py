@@ -63,7 +63,6 @@ class Soil:
 
     @property
     def friction_angle(self) -> float:
-        """φ in rad."""
         return math.atan(self.tan_phi)
 
     def values(self, width: float) -> dict[str, float]:
@@ -80,8 +79,7 @@ class Soil:
 def _published(
     name: str, n: float, kc: float, kphi: float, c: float, phi: float, reference: str = WONG
 ) -> Soil:
-    # Wong gives k of 10 to 25 mm for sands and less than that for clays; 18 mm serves all, since a
-    # rover file has room for one.
+    # Wong gives k of 10 to 25 mm for sands, less for clays; a rover file has room for one: 18 mm.
     return Soil(
         name=name,
         cohesion=c * 1e3,
@@ -370,9 +368,7 @@ class Scenario:
 
     @cached_property
     def model(self) -> Model:
-        """The model that makes the truth."""
         return Model(self.base, tuple(chosen.effect for chosen in self.effects))
 
     def effect_values(self) -> dict[str, float]:
-        """Return the parameters of all effects by their qualified names."""
         return {name: value for chosen in self.effects for name, value in chosen.qualified().items()}

@@ -46,7 +46,6 @@ class SensorAmount:
     absolute: float = 0.0  # In the unit of the channel, SI
 
     def at(self, true: Array) -> Array:
-        """Return the amount for each true value."""
         return np.hypot(self.share * true, self.absolute)
 
     def __bool__(self) -> bool:

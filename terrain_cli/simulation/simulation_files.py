@@ -230,7 +230,6 @@ def kind_of(destination: str) -> Kind:
 
 
 def write_log(log: SimulatedLog, destination: str) -> None:
-    """Write the telemetry, whole or not at all."""
     kind = kind_of(destination)
     if kind in BAGS:
         write_bag(topics(log), destination, kind)

@@ -119,7 +119,6 @@ class RowSamples(ArrivingSamples):
         self._checked: set[str] = set()
 
     def take(self, batch: Batch) -> Iterator[Samples]:
-        """Yield the samples of some rows."""
         for key, rows in self._by_wheel(batch):
             yield from self._of_wheel(key, rows)
 
@@ -211,7 +210,6 @@ class MessageSamples(ArrivingSamples):
         yield from self._known(last=False)
 
     def rest(self) -> Iterator[Samples]:
-        """Yield the samples that wait for others, as nothing more will come."""
         yield from self._known(last=True)
 
     def _count_late(self, came: dict[str, Batch]) -> None:

@@ -87,7 +87,6 @@ class OpenSegment:
             self.whole()
 
     def set_aside(self, count: int) -> None:
-        """Count samples that are set aside."""
         if self.count:
             self._pieces[-1].drivers[BEHIND][-1] += count
         else:

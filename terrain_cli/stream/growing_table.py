@@ -45,7 +45,6 @@ class GrowingTable:
         self._begun = False
 
     def __enter__(self) -> Self:
-        """Make the file."""
         with explained(self._destination):
             if self._destination == "-":
                 self._stream = sys.stdout
@@ -61,7 +60,6 @@ class GrowingTable:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the file."""
         self._stack.close()
 
     def add(self, row: segment_table.Table, mark: str = "") -> None:

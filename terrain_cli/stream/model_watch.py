@@ -28,17 +28,15 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-#: False alarms of a wheel in an hour of driving, all its channels together; benchmarks/watch_study.py
-#: counts them.
+#: False alarms of a wheel in an hour, all its channels together; benchmarks/watch_study.py counts them.
 FALSE_ALARMS = 0.01
 #: Innovations, in standard deviations, that a sum does without: half of the least shift that matters.
 _REFERENCE = 0.5
 _LARGEST = 4.0  # What one second may add at the most: a stone under the wheel is no fault of the model
 #: Samples that the model is fitted to. Judged: k and keq are known then, and few segments are shorter.
 LEARNT = 400
-#: By so much more than assumed the innovations scatter and go together over seconds, as a variance.
-#: benchmarks/watch_study.py on seeds 0 to 79, which its table does not have: 1.15 of the torque, 1.17 of the
-#: sinkage.
+#: By so much more than assumed the innovations scatter and go together over seconds, as a variance: on seeds
+#: 0 to 79 of benchmarks/watch_study.py, not in its table, 1.15 of the torque and 1.17 of the sinkage.
 _LONG_RUN = 1.2
 _SAMPLES, _SECONDS = 20, 1.0  # Least samples and seconds of a mean
 #: Samples of a mean, times by how much the variance of a mean grows because the noise lasts. Of a first-order
@@ -95,7 +93,6 @@ class ModelWatch:
         self.begin()
 
     def begin(self) -> None:
-        """Begin a segment."""
         self._state: SegmentWatch | None = None
         self._done = 0
         self._hopeless = False

@@ -89,8 +89,7 @@ def ascends(time: Array) -> bool:
 
 def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:
     """Seconds since `origin`, whole seconds since 1970, of absolute times: rounded to 1 µs."""
-    # Seconds since 1970 in a double resolve 0.24 µs: only so a table and a bag of one log have the same
-    # times.
+    # A double of seconds since 1970 resolves 0.24 µs: only so a table and a bag have the same times.
     nanoseconds = stamps.astype("datetime64[ns]").astype(np.int64)
     missing = np.isnat(stamps)
     relative = (nanoseconds - np.int64(origin) * 1_000_000_000) * 1e-9
@@ -142,8 +141,7 @@ def check_unit_of_time(
 
 def split_clock(time: Array) -> tuple[Index, Mask, Mask]:
     """Find where a clock (s) begins anew, which samples are out of order, and which repeat a time."""
-    # A step back after which it runs forward for `_LEAST` samples, without reaching the time before, is a
-    # restart.
+    # A restart is a step back after which it runs forward for `_LEAST` samples, all before that time.
     backwards, repeated = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
     if np.isfinite(time).all() and (time[1:] > time[:-1]).all():
         return np.array([], dtype=np.intp), backwards, repeated

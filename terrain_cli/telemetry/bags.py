@@ -50,8 +50,7 @@ def wheels(
     clocks: TopicClocks | None = None,
 ) -> list[Raw]:
     """Part the topics of a bag, the columns named by `fields`, into the wheels that `choose` names."""
-    # It is given the wheel labels of the messages, if they have them; `clocks` were told from what came
-    # before.
+    # It is given the wheel labels of the messages, if there are some; `clocks` were told from earlier ones.
     whole, clocks = clocks is None, clocks or topic_clocks(tables)
     times = clocks.times(tables)
     topics = {}

@@ -120,8 +120,7 @@ def read_raw(
     topics: Mapping[str, dict[str, Column]] | None = None,
 ) -> list[Raw]:
     """Read the channels asked for that have a feed, of the `named` wheels or all, ordered by name."""
-    # `batches` are the columns of a table, `topics` those of the topics of a bag, where they were read
-    # before.
+    # `batches` are the columns of a table, `topics` those of a bag, where they were read before.
     wanted = set(channels)
 
     def choose(labels: Labels | None) -> list[str]:

@@ -153,8 +153,7 @@ _SAME: tuple[Callable[[str, str], bool], ...] = (
 
 def match_name(wanted: str, names: Iterable[str]) -> str | None:
     """Find the one name that means the same wheel; None where several do."""
-    # Equal but for punctuation, else with the same words, more, fewer, one within the other, or by its
-    # initials.
+    # Equal but for punctuation, else with the same words, more, fewer, one within the other, or initials.
     names = [name for name in dict.fromkeys(names) if _plain(name)]
     if not _plain(wanted):
         return None
@@ -236,8 +235,7 @@ class Samples:
     # Shape (n,): by the names of the contract, in SI units; NaN where not known
     channels: dict[str, Array]
     labels: dict[str, Labels]  # "run" and "terrain", where the input has them
-    # Shape (n,): number of the continuous stretch: a new one begins with every run, gap or restart of the
-    # clock
+    # Shape (n,): number of the continuous stretch, which ends with a run, a gap or a restart of the clock
     stretch: Index
     # Shape (n,), or None: metres driven since the first sample; None where no channel tells
     distance: Array | None

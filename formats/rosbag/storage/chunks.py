@@ -41,8 +41,7 @@ class Chunk:
     unpack: Callable[[bytes], bytes | memoryview]  # Makes the contents of them
     slow: bool  # It is worth a thread
     first: int  # The least log time in it, ns
-    #: Of each connection its number, where its entries begin in the file, and how many there are. None if
-    #: there is no index; the chunk is then walked.
+    #: Of each connection its number, where its entries begin, and how many there are; None: to be walked.
     index: tuple[tuple[int, int, int], ...] | None
 
 
@@ -67,7 +66,6 @@ _Unpacked: TypeAlias = tuple[int, Chunk, bytes | memoryview]
 
 
 def opened(file: BinaryIO | None) -> BinaryIO:
-    """Return the file of a reader that rosbags opens and closes."""
     if file is None:
         raise ValueError("not open")
     return file

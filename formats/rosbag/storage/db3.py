@@ -63,7 +63,6 @@ class Db3File:
         self.close = self._opened.close  # Closes what is open
 
     def open(self) -> None:
-        """Read what topics there are."""
         # immutable: SQLite must neither wait for locks nor write anything beside the user's file.
         with named(str(self.path)) as path:
             self._database = self._opened.enter_context(closing(_connected(path, "immutable=1")))

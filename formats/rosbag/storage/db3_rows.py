@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     Rows = NDArray[np.int64]
 
 _LEAF_HEAD = 8
-#: No row of a message takes less of its page: where it begins (2 bytes), its size, its key, the size
-#: of its head and four types.
+#: No row of a message takes less of its page: its place (2 bytes), its size, its key, its head, four types.
 _LEAST = 9
 _DEEPEST = 20  # SQLite's own limit of the pages from a root to a leaf
 _WIDTHS = np.full(128, -1)  # Bytes of an integer by its serial type; −1 where a type is none

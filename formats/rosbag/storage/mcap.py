@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Index
 
-#: Before the entries of an index its channel and their length in bytes; before a payload channel, sequence,
-#: log time and time of publication.
+#: Before entries of an index channel and length; before a payload channel, sequence, log time and another.
 _INDEX, _MESSAGE = 6, 22
 _MESSAGE_CODE, _CHUNK_CODE = 0x05, 0x06
 #: Of a record; and of a chunk first and last log time, size, checksum, length of its packing's name.
@@ -170,7 +169,6 @@ class McapFile(McapReader):
         )
 
     def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
-        """Return log times in ns and places in the chunk; see `chunks.Layout`."""
         return of["time"].astype(np.int64), of["place"].astype(np.int64)
 
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
@@ -181,7 +179,6 @@ class McapFile(McapReader):
         return records + _HEAD.itemsize, heads["length"] - _MESSAGE
 
     def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
-        """Make the index of a chunk that has none; see `chunks.Layout`."""
         begins = [begin - RECORD for code, begin, _ in records(chunk) if code == _MESSAGE_CODE]
         places = np.array(begins, dtype=np.int64)
         heads = parts_at(chunk, places, _HEAD.itemsize).view(_HEAD)

@@ -142,8 +142,7 @@ class RecordFile(SalvagedFile):
         vouched: bool,
     ) -> None:
         """Take the messages of the chunk that begins at a byte, its packed contents at a `place`."""
-        # Checksums vouch for all, or `confirm` returns the messages to be trusted, and if the index has the
-        # same.
+        # Checksums vouch for all, or `confirm` returns those to be trusted, and if the index has the same.
         load = partial(self._contents, place, packing, size, checksum)
         self._allowance.take(min(size, unpacked_limit(place.stop - place.start)))
         try:

@@ -53,7 +53,6 @@ class Ros1File(Reader):
         self.connections = [c._replace(msgcount=self._counts.get(c.id, 0)) for c in self.connections]
 
     def read_chunk(self) -> ReadChunk:
-        """Read the header of a chunk."""
         chunk = super().read_chunk()
         return chunk._replace(decompressor=_BOUNDED.get(chunk.decompressor, chunk.decompressor))
 
@@ -98,7 +97,6 @@ class Ros1File(Reader):
         yield from runs(opened(self.bio), chunks, wanted, self, size)
 
     def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
-        """Return log times in ns and places in the chunk; see `chunks.Layout`."""
         times = of["sec"].astype(np.int64) * _SECOND + of["nsec"]
         return times, of["place"].astype(np.int64)
 

@@ -294,7 +294,6 @@ class SalvagedDb3(SalvagedFile):
                 recovery.goes_on = max(after)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[dict[int, Messages]]:
-        """Read the messages of some connections; see `salvaged_file.SalvagedFile.runs`."""
         rows = self._rows[np.isin(self._rows[:, 0], np.array(sorted(wanted), dtype=np.int64))]
         rows = rows[np.lexsort((rows[:, 4], rows[:, 1]))]
         found = ((topic, time, self._payload(at, size)) for topic, time, at, size, _ in rows.tolist())
