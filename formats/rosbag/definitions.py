@@ -149,7 +149,10 @@ def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callab
             bare, name = msg_text(text), connection.msgtype
             types = checked(plain_types(bare, name) or get_types_from_msg(bare, name))
         else:
-            types = checked(_types_from_idl(text))
+            check_idl(text)
+            parts = (p.partition("\n")[2] if p.startswith("IDL: ") else p for p in text.split(_BAR))
+            several = [get_types_from_idl(part) for part in parts if part.strip()]
+            types = checked({name: desc for found in several for name, desc in found.items()})
     except TooMuchError as error:
         raise UnusableError(str(error)) from error
     except Exception as error:  # a damaged text makes rosbags' parser fail in any way
@@ -163,12 +166,6 @@ def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callab
         return store
 
     return types | BUILT_IN, compiled
-
-
-def _types_from_idl(text: str) -> Typesdict:
-    check_idl(text)
-    parts = (part.partition("\n")[2] if part.startswith("IDL: ") else part for part in text.split(_BAR))
-    return {name: desc for part in parts if part.strip() for name, desc in get_types_from_idl(part).items()}
 
 
 def _from_standard(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:

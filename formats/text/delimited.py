@@ -125,7 +125,9 @@ class DelimitedSource(Source):
         if bad.any():
             j = int(np.argmax(bad))
             what = "a time" if kind == "time" else "a number"
-            first = f"row {rows[j]}: {field} is {_shorten(cells[j].as_py())}, not {what}"
+            text = cells[j].as_py()
+            shown = repr(text if len(text) <= 40 else text[:39] + "…")
+            first = f"row {rows[j]}: {field} is {shown}, not {what}"
             findings.setdefault(("cells", field), _Finding(first, "cells")).count += int(bad.sum())
         return values
 
@@ -303,7 +305,3 @@ class _Mending:
     def _cells(place: int, mended: list[tuple[int, list[str]]]) -> pa.Array:
         cells = [fields[place] if place < len(fields) else "" for _, fields in mended]
         return pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())
-
-
-def _shorten(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:39] + "…")

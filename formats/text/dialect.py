@@ -102,7 +102,7 @@ def _split(path: str, lines: list[str], first: int, delimiter: str) -> tuple[lis
     begin = first + reader.line_num
     first_rows = islice(reader, SAMPLE_ROWS)
     rows = [row for row in first_rows if len(row) > 1 or "".join(row).strip()]
-    if all(_is_value(cell) for cell in header):
+    if all(any(kind_of([cell], decimal) != "text" for decimal in ".,") for cell in header):
         # numpy.savetxt writes the names as a comment.
         comment = lines[first - 1] if first else ""
         names = [cell.strip() for cell in split_line(comment.lstrip("#").strip(), delimiter)]
@@ -116,10 +116,6 @@ def _split(path: str, lines: list[str], first: int, delimiter: str) -> tuple[lis
     if not rows:
         raise FormatError(path, "has a header but no rows")
     return header, begin, rows
-
-
-def _is_value(cell: str) -> bool:
-    return any(kind_of([cell], decimal) != "text" for decimal in ".,")
 
 
 def _names(path: str, header: list[str], rows: list[list[str]]) -> tuple[str, ...]:

@@ -219,7 +219,14 @@ class Keeper:
             self._folder.remove(before.result if before else None)
             entry = self._failed(case, reply, reply.failure)
         else:
-            entry = self._keep(case, reply)
+            # Record and result are there before the manifest speaks of them.
+            kept = self._folder.kept.get((str(case.sha256), self._configuration(case)))
+            if reply.record and self._folder.records:
+                kept = self._folder.records.add(reply.record)
+            name = result_name(case.item.location, self._order.kind)
+            self._folder.put(name, reply.result)
+            size = len(reply.result)
+            entry = replace(self._entry(case, reply), record=kept, result=name, result_bytes=size)
             if before and before.result != entry.result:
                 self._folder.remove(before.result)
         self._write(case, entry)
@@ -234,15 +241,6 @@ class Keeper:
             exit_code=why.exit_code,
             passing=why.passing,
         )
-
-    def _keep(self, case: _Case, reply: Reply) -> ManifestEntry:
-        """Write the record and the result: before the manifest speaks of them."""
-        kept = self._folder.kept.get((str(case.sha256), self._configuration(case)))
-        if reply.record and self._folder.records:
-            kept = self._folder.records.add(reply.record)
-        name = result_name(case.item.location, self._order.kind)
-        self._folder.put(name, reply.result)
-        return replace(self._entry(case, reply), record=kept, result=name, result_bytes=len(reply.result))
 
     def _configuration(self, case: _Case) -> str:
         return case.configuration or self._order.configuration.hash

@@ -3,17 +3,6 @@
 from __future__ import annotations
 
 from terrain_cli.rover.rover_file import find, load, of_text
-from terrain_cli.rover.vehicle import NOISY, ChannelEntry, Motor, Rover, SensorNoise, Vehicle, Wheel
+from terrain_cli.rover.vehicle import NOISY, Motor, Rover, SensorNoise, Vehicle, Wheel
 
-__all__ = [
-    "NOISY",
-    "ChannelEntry",
-    "Motor",
-    "Rover",
-    "SensorNoise",
-    "Vehicle",
-    "Wheel",
-    "find",
-    "load",
-    "of_text",
-]
+__all__ = ["NOISY", "Motor", "Rover", "SensorNoise", "Vehicle", "Wheel", "find", "load", "of_text"]

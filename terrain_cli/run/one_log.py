@@ -56,19 +56,16 @@ def run(
     where = telemetry.Condition(settings.where) if settings.where else None
     source = formats.open_source(path, salvage=settings.salvage)
     effects = None if file is None else file.model.effects
-    kept = locations.KEYS if settings.places else ()
+    asked: dict[str, Any] = {"wheels": settings.wheels, "where": where, "effects": effects}
     hindrance = long_log.hindrance(settings, file)
     if hindrance is None:
-        found = telemetry.read_parts(
-            source, rover, long_log.MOST_ROWS, wheels=settings.wheels, where=where, effects=effects
-        )
+        found = telemetry.read_parts(source, rover, long_log.MOST_ROWS, **asked)
         if not isinstance(found, list):
             return _in_reaches(source, found, settings, progress, beside=beside)
         wheels = found
     else:
-        wheels = telemetry.read_source(
-            source, rover, wheels=settings.wheels, where=where, effects=effects, kept=kept
-        )
+        kept = locations.KEYS if settings.places else ()
+        wheels = telemetry.read_source(source, rover, kept=kept, **asked)
         if is_table(source) and sum(map(len, wheels)) > long_log.MOST_ROWS:
             wheels[0].remarks.append(f"a long log, read whole: {hindrance}")
     outcome = Outcome(table={}, account=_of_source(source) | {"wheels": []})
@@ -90,14 +87,7 @@ def run(
         cut_windows.check_number(source.path, count)
         progress(f"wheel {samples.wheel}: estimates of {len(cut)}", (2 + 2 * number) / steps)
         fitted = estimators.estimate(
-            cut,
-            settings.method,
-            file,
-            min_samples=settings.min_samples,
-            folds=settings.folds,
-            robust=settings.robust,
-            at_stress=stress,
-            joint=settings.joint,
+            cut, settings.method, file, **settings.of_fits, at_stress=stress, joint=settings.joint
         )
         # Wheels of one log are compared at one stress.
         stress = estimators.common_stress(stress, fitted)

@@ -43,6 +43,11 @@ class Settings:
     def stress(self) -> float | None:
         return None if self.at_stress is None else 1e3 * self.at_stress
 
+    @property
+    def of_fits(self) -> dict[str, Any]:
+        """What every estimator is told."""
+        return {"min_samples": self.min_samples, "folds": self.folds, "robust": self.robust}
+
     def document(self) -> dict[str, Any]:
         """Return what a summary says of them, ready for JSON."""
         return {

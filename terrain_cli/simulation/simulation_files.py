@@ -195,9 +195,8 @@ def _effect(chosen: Any) -> dict[str, Any]:
 
 def _plain(column: Any) -> list[Any]:
     """Return a column as JSON can hold it: null where nothing is defined."""
-    if isinstance(column, np.ndarray):
-        return [None if cell != cell else cell for cell in column.tolist()]  # noqa: PLR0124 - NaN
-    return list(column)
+    cells = column.tolist() if isinstance(column, np.ndarray) else column
+    return [None if cell != cell else cell for cell in cells]  # noqa: PLR0124 - NaN
 
 
 Kind = Literal["csv", "parquet", "ros1", "mcap", "db3"]

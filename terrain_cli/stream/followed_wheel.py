@@ -274,14 +274,7 @@ class FollowedWheel:
         cut = cut_windows.cut(joined(parts), "none")
         given = self._settings
         fitted = estimators.estimate(
-            cut,
-            given.method,
-            self._file,
-            min_samples=given.min_samples,
-            folds=given.folds,
-            robust=given.robust,
-            at_stress=stress.value,
-            begun=begun,
+            cut, given.method, self._file, **given.of_fits, at_stress=stress.value, begun=begun
         )
         return cut, fitted
 

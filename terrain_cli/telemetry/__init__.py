@@ -10,7 +10,7 @@ import formats
 from terrain_cli.errors import InputError, nearest
 from terrain_cli.telemetry import effect_inputs, raw_channels, raw_columns, rover_advice
 from terrain_cli.telemetry.assembly import Request, assemble, check, lacking, wheel_of
-from terrain_cli.telemetry.long_logs import Excerpt, PartReader, in_parts
+from terrain_cli.telemetry.long_logs import PartReader, excerpt, in_parts
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.usable_samples import Condition
@@ -55,16 +55,16 @@ def read_source(source: Source, rover: Rover, *, most: int | None = None, **aske
     columns that are read in any case, named in lower case.
 
     Of a table of more than `most` rows, and of a bag of more samples, only unbroken pieces are kept that are
-    spread over it (`Excerpt`). A table is then never in memory as a whole.
+    spread over it (`excerpt`). A table is then never in memory as a whole.
     """
     request = _request(source, rover, **asked)
     begin, rest = _begun(request, most)
     if most is not None and rest is not None:
-        result = Excerpt(most // 2, in_parts(request, begin, rest)).samples()
+        result = excerpt(most // 2, in_parts(request, begin, rest))
     else:
         result = _whole(request, begin)
         if most is not None and sum(map(len, result)) > most:
-            result = Excerpt(most // 2, result).samples()
+            result = excerpt(most // 2, result)
     return _some(request, result)
 
 

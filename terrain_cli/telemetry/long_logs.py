@@ -42,48 +42,39 @@ ROWS, BESIDE = 1 << 17, 4096
 _ROW = "@row"  # Number of the row of each sample, among its further columns
 
 
-class Excerpt:
-    """Every so many pieces of the usable samples of each wheel, so many that no more than a limit are kept.
+def excerpt(most: int, parts: Iterable[Samples]) -> list[Samples]:
+    """Keep every so many pieces of the usable samples of each wheel, together no more than `most`."""
+    # The length of the log need not be known: where the limit is passed, every second piece goes.
+    step = 1
+    kept: dict[str, list[tuple[Samples, Index]]] = {}
+    seen: Counter[str] = Counter()
+    rows: Counter[str] = Counter()
 
-    The length of the log need not be known: where the limit is passed, every second piece goes.
-    """
+    def chosen(number: Index) -> Mask:
+        return np.asarray(number // PIECE % step == 0)
 
-    def __init__(self, most: int, parts: Iterable[Samples]) -> None:
-        self._most, self._step = most, 1
-        self._kept: dict[str, list[tuple[Samples, Index]]] = {}
-        self._seen: Counter[str] = Counter()
-        self._rows: Counter[str] = Counter()
-        for part in parts:
-            self._add(part)
-
-    def _add(self, part: Samples) -> None:
+    for part in parts:
         usable, wheel = part.usable, part.wheel
-        number = self._seen[wheel] + np.arange(len(usable))
-        self._seen[wheel] += len(usable)
-        self._rows[wheel] += len(part)
-        kept = self._chosen(number)
-        self._kept.setdefault(wheel, []).append((part.taken(usable[kept]), number[kept]))
-        while sum(len(numbers) for pieces in self._kept.values() for _, numbers in pieces) > self._most:
-            self._step *= 2
-            for wheel, pieces in self._kept.items():
-                thinned = [(samples.taken(c), n[c]) for samples, n in pieces for c in [self._chosen(n)]]
-                self._kept[wheel] = [one for one in thinned if len(one[1])] or thinned[:1]
-
-    def _chosen(self, number: Index) -> Mask:
-        return np.asarray(number // PIECE % self._step == 0)
-
-    def samples(self) -> list[Samples]:
-        """Return the usable samples kept, by wheel; those of different pieces are of different stretches."""
-        return [self._joined(wheel) for wheel in sorted(self._kept)]
-
-    def _joined(self, wheel: str) -> Samples:
-        pieces = self._kept.pop(wheel)
+        number = seen[wheel] + np.arange(len(usable))
+        seen[wheel] += len(usable)
+        rows[wheel] += len(part)
+        own = chosen(number)
+        kept.setdefault(wheel, []).append((part.taken(usable[own]), number[own]))
+        while sum(len(numbers) for pieces in kept.values() for _, numbers in pieces) > most:
+            step *= 2
+            for name, pieces in kept.items():
+                thinned = [(samples.taken(c), n[c]) for samples, n in pieces for c in [chosen(n)]]
+                kept[name] = [one for one in thinned if len(one[1])] or thinned[:1]
+    result = []
+    for wheel in sorted(kept):
+        pieces = kept.pop(wheel)
         number = np.concatenate([numbers for _, numbers in pieces])
         whole = joined([samples for samples, _ in pieces])
         broken = np.diff(number, prepend=number[:1]) > 1
         broken |= np.diff(whole.stretch, prepend=whole.stretch[:1]) != 0
-        total = self._seen[wheel] if self._rows[wheel] else None
-        return replace(whole, stretch=np.cumsum(broken), drive=whole.stretch, total=total)
+        total = seen[wheel] if rows[wheel] else None
+        result.append(replace(whole, stretch=np.cumsum(broken), drive=whole.stretch, total=total))
+    return result
 
 
 def joined(parts: Sequence[Samples]) -> Samples:

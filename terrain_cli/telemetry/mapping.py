@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from formats import Field, Source, Stream
-    from terrain_cli.rover import ChannelEntry, Rover
+    from terrain_cli.rover import Rover
+    from terrain_cli.rover.vehicle import ChannelEntry
     from terrain_cli.telemetry.topic_discovery import TopicCandidate
     from terrain_cli.vocabulary.units import Unit
 

@@ -188,7 +188,12 @@ def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
 
 def proposals(plan: Plan, wheel: str, channel: str) -> list[str]:
     """Write the lines that would supply a channel, alternatives as comments."""
-    return _column(plan, channel) if is_table(plan.source) else _topic(plan, wheel, channel)
+    if not is_table(plan.source):
+        return _topic(plan, wheel, channel)
+    dimension = CHANNELS[channel].dimension
+    fitting = [name for name in plan.extras if stated_unit(name, dimension)]
+    symbol = units.si(dimension).symbol
+    return [f'{channel} = {{ column = "…", unit = "{symbol}" }}{_one_of(fitting)}']
 
 
 def header(plan: Plan, wheel: str, channel: str) -> str:
@@ -237,13 +242,6 @@ def _some(names: Sequence[str], most: int = MOST) -> str:
 
 def _one_of(names: Sequence[str]) -> str:
     return f"  # one of: {_some(names)}" if names else ""
-
-
-def _column(plan: Plan, channel: str) -> list[str]:
-    dimension = CHANNELS[channel].dimension
-    fitting = [name for name in plan.extras if stated_unit(name, dimension)]
-    symbol = units.si(dimension).symbol
-    return [f'{channel} = {{ column = "…", unit = "{symbol}" }}{_one_of(fitting)}']
 
 
 def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:

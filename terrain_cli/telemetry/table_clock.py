@@ -39,21 +39,6 @@ class _Rise(NamedTuple):
     down: float
     counts: bool
 
-    @property
-    def steadily(self) -> bool:
-        """It goes up at nearly every row."""
-        return self.steps >= _FEW and self.up >= _RISING
-
-    @property
-    def in_whole_seconds(self) -> bool:
-        """It never falls and rises time and again, if not at every row."""
-        return self.down == 0.0 and round(self.up * self.steps) >= _FEW
-
-    @property
-    def as_a_clock(self) -> bool:
-        """It hardly falls, as what is called a time must not; one row has nothing to rise from."""
-        return not self.steps or (self.up >= _RISING * (self.up + self.down) and self.up * _WHEELS >= 1.0)
-
 
 def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
     """Give the plan of a table without `time` a feed for it, a remark, or the error that it needs one."""
@@ -107,7 +92,10 @@ def _is_clock(name: TimeName, table: Mapping[str, Column], wheels: Labels | None
         return all(_are_times_of_day(column) for column in columns)
     if len(columns) > 1 and np.nanmax(as_numbers(columns[1]) * name.unit.factor, initial=0.0) >= 1.0:
         return False
-    return _filled(columns[0]) and _rise(columns[0], wheels, whole=len(columns) > 1).as_a_clock
+    steps, up, down, _ = _rise(columns[0], wheels, whole=len(columns) > 1)
+    # It hardly falls, as what is called a time must not; one row has nothing to rise from.
+    rises = not steps or (up >= _RISING * (up + down) and up * _WHEELS >= 1.0)
+    return rises and _filled(columns[0])
 
 
 def _are_times_of_day(column: Column) -> bool:
@@ -160,10 +148,11 @@ def _doubt(plan: Plan, table: Mapping[str, Column], wheels: Labels | None) -> No
         if stated_unit(header) and not stated:
             continue
         rise, is_time = _rise(column, wheels), column.dtype.kind == "M"
-        if rise.steadily:
+        if rise.steps >= _FEW and rise.up >= _RISING:
             clear = is_time or stated or (rise.steps >= _MANY and not rise.counts)
             (sure if clear else rising).append(header)
-        elif (is_time and rise.up > 0.0) or rise.in_whole_seconds:
+        elif (is_time and rise.up > 0.0) or (rise.down == 0.0 and round(rise.up * rise.steps) >= _FEW):
+            # In whole seconds it does not rise at every row, and never falls.
             rising.append(header)
     shown = ", ".join(map(repr, (sure or rising)[:_OFFERED]))
     entries = [_entry(header, table[header]) for header in (sure or rising)[:_OFFERED]]

@@ -11,7 +11,7 @@ from terrain_cli import telemetry
 from terrain_cli.effects import find
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import assembly, long_logs, mapping, raw_channels, raw_columns
-from terrain_cli.telemetry.long_logs import Excerpt, excerpted, joined
+from terrain_cli.telemetry.long_logs import excerpt, excerpted, joined
 from terrain_cli.vocabulary.channels import CHANNELS
 
 GEOMETRY = "[wheel]\nradius = 0.125\nwidth = 0.1\ngrouser_count = 12\ngrouser_height = 0.01\n"
@@ -219,7 +219,7 @@ def test_what_was_kept_whole_is_no_excerpt(tmp_path, rover):
     path = tmp_path / "run.parquet"
     log().to_parquet(path)
     whole = telemetry.read(str(path), rover, effects=(), compared=True)
-    (found,) = Excerpt(10 * N, whole).samples()
+    (found,) = excerpt(10 * N, whole)
     assert excerpted([found]) == []
     assert len(found) == len(whole[0].usable)
 

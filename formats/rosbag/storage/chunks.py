@@ -50,14 +50,12 @@ class Layout(Protocol):
 
     entry: np.dtype[Any]
 
-    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
-        """Return the log times in ns and the places in the chunk of entries of an index."""
-
+    # Log times in ns and places in the chunk, of entries of an index
+    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]: ...
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
         """Return starts and sizes of payloads by the places of their records; any error where one differs."""
 
-    def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
-        """Make the index of a chunk that has none."""
+    def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]: ...  # An index where there is none
 
 
 #: Messages by the number of their connection, all in one buffer.

@@ -58,7 +58,9 @@ def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) ->
     limit = unpacked_limit(len(packed), min(most, CHUNK_BYTES))
     parts, size, rest = [], 0, bytes(packed)
     while rest:
-        if packing == "lz4" and len(rest) <= _LZ4_AT_ONCE and _claimed(rest) <= limit - size:
+        # The size that a frame states, if any: lz4 makes room for it at once, be it true or not.
+        claimed = int.from_bytes(rest[6:14], "little") if len(rest) > 4 and rest[4] & 0x08 else 0
+        if packing == "lz4" and len(rest) <= _LZ4_AT_ONCE and claimed <= limit - size:
             part, rest = _lz4_frame(rest)
             size += len(part)
         else:
@@ -84,11 +86,6 @@ def _lz4_frame(data: bytes) -> tuple[bytes, bytes]:
             raise ValueError("its lz4 data end too early") from error
         raise
     return part, data[read:]
-
-
-def _claimed(data: bytes) -> int:
-    """Return the size that a frame states, if any: lz4 makes room for it at once, be it true or not."""
-    return int.from_bytes(data[6:14], "little") if len(data) > 4 and data[4] & 0x08 else 0
 
 
 @dataclass(frozen=True, slots=True)
