@@ -129,11 +129,8 @@ class TextStream(io.RawIOBase):
         mark = next((mark for mark in _MARKS if self._buffer.startswith(mark)), b"")
         self.encoding = _MARKS.get(mark, "utf-8")  # "utf-8", or UTF-16 or UTF-32 by that mark
         if b"\0" in self._buffer and self.encoding == "utf-8":
-            raise FormatError(
-                path,
-                "is binary, of a kind that is not read",
-                hint="text must be UTF-8, or UTF-16 or UTF-32 with its byte-order mark",
-            )
+            hint = "text must be UTF-8, or UTF-16 or UTF-32 with its byte-order mark"
+            raise FormatError(path, "is binary, of a kind that is not read", hint=hint)
         self._decoder = codecs.getincrementaldecoder(self.encoding)()
         # An editor that does not know the mark may have put its own before it.
         while mark and self._buffer.startswith(mark):

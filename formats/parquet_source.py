@@ -210,15 +210,8 @@ def _kind(kind: pa.DataType) -> Kind | None:
         return "time"
     if types.is_string(kind) or types.is_large_string(kind):
         return "text"
-    numeric = (
-        types.is_integer,
-        types.is_floating,
-        types.is_boolean,
-        types.is_decimal,
-        types.is_duration,
-        types.is_null,
-    )
-    return "number" if any(is_kind(kind) for is_kind in numeric) else None
+    numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_decimal, types.is_duration)
+    return "number" if any(is_kind(kind) for is_kind in (*numeric, types.is_null)) else None
 
 
 def _column(array: pa.Array, kind: Kind, names: Names) -> Column:

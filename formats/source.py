@@ -108,11 +108,10 @@ def parquet_parts(folder: Path, above: tuple[Path, ...] = ()) -> list[str]:
     if own in above or len(above) > _DEEPEST:
         return []
     for entry in _entries(folder):
-        below = (
-            parquet_parts(entry, (*above, own))
-            if entry.is_dir()
-            else [str(entry)] * (entry.suffix.lower() == ".parquet")
-        )
+        if entry.is_dir():
+            below = parquet_parts(entry, (*above, own))
+        else:
+            below = [str(entry)] * (entry.suffix.lower() == ".parquet")
         if not below:
             return []
         parts += below

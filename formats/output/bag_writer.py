@@ -23,7 +23,6 @@ from formats.output.whole_files import explained, replacing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from types import TracebackType
 
     from numpy.typing import NDArray
     from rosbags.typesys.store import Typestore
@@ -129,9 +128,7 @@ class GrowingBag:
                 (inner / f"{_NAME}.mcap").replace(target)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Write the index, whatever happened: the messages before are right."""
         with explained(self._destination), TemporaryDirectory() as scratch:
             self._writer.metapath = Path(scratch) / "metadata.yaml"

@@ -127,15 +127,8 @@ def check_crs(crs: str | None) -> None:
     from pyogrio.errors import CRSError
 
     try:
-        raw.write(
-            io.BytesIO(),
-            np.empty(0, dtype=object),
-            [np.empty(0)],
-            ["x"],
-            driver="GeoJSON",
-            geometry_type="Point",
-            crs=crs,
-        )
+        empty, nothing = np.empty(0, dtype=object), [np.empty(0)]
+        raw.write(io.BytesIO(), empty, nothing, ["x"], driver="GeoJSON", geometry_type="Point", crs=crs)
     except CRSError as error:
         raise unknown_crs(crs) from error
 

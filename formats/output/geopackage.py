@@ -185,15 +185,8 @@ def qml(column: str, values: NDArray[np.float64], kind: str) -> str | None:
     above, symbols = ET.SubElement(renderer, "ranges"), ET.SubElement(renderer, "symbols")
     shades = np.linspace(0, len(COLOURS) - 1, len(ranges)).round().astype(int)
     for place, ((lower, upper), shade) in enumerate(zip(ranges, shades, strict=True)):
-        ET.SubElement(
-            above,
-            "range",
-            lower=repr(lower),
-            upper=repr(upper),
-            symbol=str(place),
-            label=f"{lower:.4g} – {upper:.4g}",
-            render="true",
-        )
+        shown = {"symbol": str(place), "label": f"{lower:.4g} – {upper:.4g}", "render": "true"}
+        ET.SubElement(above, "range", {"lower": repr(lower), "upper": repr(upper), **shown})
         _symbol(symbols, str(place), COLOURS[shade], kind)
     ET.SubElement(root, "layerGeometryType").text = _GEOMETRY_TYPES[kind]
     # QGIS looks for its document type, and takes nothing else.

@@ -189,11 +189,8 @@ class ArrivingBag(BagSource):
         self._add_publishers(self._found)
         for _ in self._full(self._found):
             pass
-        batches = {
-            reading.topic: batch
-            for reading in dict.fromkeys(self._found.values())
-            for batch in reading.batches(last=True)
-        }
+        readings = dict.fromkeys(self._found.values())
+        batches = {reading.topic: batch for reading in readings for batch in reading.batches(last=True)}
         return batches or None
 
     def _add_publishers(self, readings: dict[int, Reading]) -> None:

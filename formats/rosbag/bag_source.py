@@ -78,9 +78,7 @@ class Reading:
         for place, messages in run.items():
             rows = slice(first, first := first + len(messages))
             columns.append(self._decode(place, messages, numbers[rows]))
-        whole = [
-            np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*columns, strict=True)
-        ]
+        whole = _joined(columns)
         whole.insert(0, times.view("datetime64[ns]"))
         self._waiting.append(whole if len(run) == 1 else [column[sequence] for column in whole])
         self._done += len(times)
@@ -89,10 +87,7 @@ class Reading:
     def batches(self, *, last: bool = False) -> Iterator[Batch]:
         """Yield the batches that are full; the `last` time also the rest."""
         if self._rows >= self.batch_rows or (last and self._rows):
-            columns = [
-                np.concatenate(parts) if len(parts) > 1 else parts[0]
-                for parts in zip(*self._waiting, strict=True)
-            ]
+            columns = _joined(self._waiting)
             full = self._rows if last else self._rows - self._rows % self.batch_rows
             for begin in range(0, full, self.batch_rows):
                 yield self._batch([column[begin : min(begin + self.batch_rows, full)] for column in columns])
@@ -130,6 +125,10 @@ class Reading:
             if present:
                 self._absent.pop(request.asked, None)
         return [values for values, _ in found]
+
+
+def _joined(parts: Iterable[list[Values]]) -> list[Values]:
+    return [np.concatenate(c) if len(c) > 1 else c[0] for c in zip(*parts, strict=True)]
 
 
 def nearest(name: str, choices: Iterable[str], what: str) -> str:
@@ -278,11 +277,8 @@ class BagSource(Source):
             near = nearest(topic, self._topics, "topics")
             raise FormatError(self.path, f"has no topic {topic!r}", hint=near)
         for reason in found.unusable.values():
-            raise FormatError(
-                self.path,
-                f"{topic} cannot be read: {reason}",
-                hint="record it where the message package is installed, or export the topic to CSV",
-            )
+            hint = "record it where the message package is installed, or export the topic to CSV"
+            raise FormatError(self.path, f"{topic} cannot be read: {reason}", hint=hint)
         return found
 
     def _request(self, topic: _Topic, asked: str) -> FieldRequest:
@@ -300,11 +296,8 @@ class BagSource(Source):
             return FieldRequest(asked, name, field.kind)
         if not bracket:
             example = field.elements[0] if field.elements else "0"
-            raise FormatError(
-                self.path,
-                f"{stream.topic}: {name} is a list",
-                hint=f"ask for one element of it, such as {name}[{example}]",
-            )
+            hint = f"ask for one element of it, such as {name}[{example}]"
+            raise FormatError(self.path, f"{stream.topic}: {name} is a list", hint=hint)
         text = element.removesuffix("]")
         by_place = text.isascii() and text.isdigit() and text not in topic.names.get(name, ())
         return FieldRequest(

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.raw_messages import Messages
 
     Elements: TypeAlias = tuple[tuple[str, ...], bool]  # Names or places, and whether they are names
+    Found: TypeAlias = tuple[Values, bool]  # A column, and whether any message has a value for it
     Places: TypeAlias = int | NDArray[np.int64]  # One number for all messages, or one for each
 
 LONGEST = 256  # The longest list of texts or of messages that is walked element by element
@@ -208,7 +209,7 @@ class _Cursor:
         texts = [self._strings(spot, None)[0] for spot in self._spots.get(_names_of(leaf), [])]
         return called(texts, count)
 
-    def values(self, leaf: Leaf, request: FieldRequest) -> tuple[Values, bool]:
+    def values(self, leaf: Leaf, request: FieldRequest) -> Found:
         """Return the column of a request, and whether any message has a value for it."""
         spots = self._spots[leaf.name]
         if request.key is None:
@@ -218,9 +219,7 @@ class _Cursor:
             return self._of_numbers(leaf, request, spots[0], index)
         return self._of_spots(leaf, request, spots, index)
 
-    def _of_numbers(
-        self, leaf: Leaf, request: FieldRequest, spot: _Spot, index: Places
-    ) -> tuple[Values, bool]:
+    def _of_numbers(self, leaf: Leaf, request: FieldRequest, spot: _Spot, index: Places) -> Found:
         element = _Spot(spot.begin + index * int(CODES[leaf.base][1]))
         there = (np.asarray(index) >= 0) & (np.asarray(index) < spot.count)
         if there.all():
@@ -230,9 +229,7 @@ class _Cursor:
         column[rows] = self._values(leaf, element, rows)
         return column, len(rows) > 0
 
-    def _of_spots(
-        self, leaf: Leaf, request: FieldRequest, spots: list[_Spot], index: Places
-    ) -> tuple[Values, bool]:
+    def _of_spots(self, leaf: Leaf, request: FieldRequest, spots: list[_Spot], index: Places) -> Found:
         """Take one element from a list whose elements have their own spots."""
         if isinstance(index, int):
             if 0 <= index < len(spots):

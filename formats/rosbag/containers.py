@@ -98,11 +98,8 @@ class Container:
             stated = sum(connection.msgcount for connection in chosen)
             if count != stated:
                 # rosbags passes over what no index mentions without a word.
-                raise DamagedError(
-                    self.path,
-                    f"{chosen[0].topic}: the file states {stated} messages, {count} can be found",
-                    hint=HINTS[self.kind],
-                )
+                what = f"{chosen[0].topic}: the file states {stated} messages, {count} can be found"
+                raise DamagedError(self.path, what, hint=HINTS[self.kind])
 
     def _decompressed(self, messages: Messages, allowance: Allowance) -> Messages:
         if not self._recording.compressed_messages:

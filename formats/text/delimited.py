@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     from formats.table import Batch, Column, Kind
 
+    #: The numbers of some rows, and the cells of each column.
+    _Rows = tuple[NDArray[np.int64], list[pa.Array]]
 _HEAD_BYTES = 1 << 18  # Read to tell delimiter, decimal sign and kinds
 _LOOK_AHEAD_BYTES = 1 << 28  # How far to look for the first value of a column that is empty there
 #: Parsed at once: a larger block falls out of the processor's cache and is slower.
@@ -131,9 +133,7 @@ class DelimitedSource(Source):
             findings.setdefault(("cells", field), _Finding(first, "cells")).count += int(bad.sum())
         return values
 
-    def _rows(
-        self, places: list[int], findings: _Findings
-    ) -> Iterator[tuple[NDArray[np.int64], list[pa.Array]]]:
+    def _rows(self, places: list[int], findings: _Findings) -> Iterator[_Rows]:
         """Read the cells of some fields, with the number of each row: as numbers, else as text."""
         done = 0
         if places and self.recovery is None:
@@ -165,9 +165,7 @@ class DelimitedSource(Source):
             if known < len(rows):
                 yield rows[known:], [cells.slice(known) for cells in block]
 
-    def _texts(
-        self, places: list[int], findings: _Findings
-    ) -> Iterator[tuple[NDArray[np.int64], list[pa.Array]]]:
+    def _texts(self, places: list[int], findings: _Findings) -> Iterator[_Rows]:
         """Read the cells of some fields as text, whatever the rows are like."""
         if not places:
             return
@@ -245,9 +243,7 @@ class _Mending:
     def __post_init__(self) -> None:
         self.row, self.skipped = self.dialect.first_row, 0
 
-    def __call__(
-        self, block: list[pa.Array], *, last: bool = False, cut: bool = False
-    ) -> tuple[NDArray[np.int64], list[pa.Array]]:
+    def __call__(self, block: list[pa.Array], *, last: bool = False, cut: bool = False) -> _Rows:
         """Return the numbers of the rows and their cells; `cut`: the file does not end in a newline."""
         # Uneven rows behind the last even one of a block wait for the next, for the parser reads ahead.
         count = len(block[0])

@@ -189,15 +189,13 @@ def local(path: str) -> Input:
     try:
         status = os.stat(location)  # noqa: PTH116
         if stat.S_ISDIR(status.st_mode):
-            size, stamp = _folder_stamp(location)
-        elif stat.S_ISREG(status.st_mode):
-            size, stamp = status.st_size, _file_stamp(status)
-        else:
-            problem = FormatError(label, "is a pipe or a device, and batch reads files")
-            return Input(label, location, None, None, problem)
+            return Input(label, location, *_folder_stamp(location))
+        if stat.S_ISREG(status.st_mode):
+            return Input(label, location, status.st_size, _file_stamp(status))
+        problem = FormatError(label, "is a pipe or a device, and batch reads files")
     except OSError as error:
-        return Input(label, location, None, None, failure(label, error))
-    return Input(label, location, size, stamp)
+        problem = failure(label, error)
+    return Input(label, location, None, None, problem)
 
 
 def _file_stamp(status: os.stat_result) -> str:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.run.settings import Settings
 
+    Report = Callable[[Tally], None]
 TABLE, SUMMARY = "segments", "summary.json"
 #: Inputs whose rows are held at a time.
 _AT_ONCE = 256
@@ -205,7 +206,7 @@ def run(
     found: Sequence[Input],
     directory: str,
     order: Order,
-    report: Callable[[Tally], None] = lambda _: None,
+    report: Report = lambda _: None,
 ) -> Tally:
     """Do what is new or changed among inputs found under some names, and assemble the mission table."""
     # `report` is called several times a second. Whatever ends a batch, what it has finished is kept.
@@ -237,13 +238,7 @@ def _workers(order: Order) -> Pool:
     return Cluster(order.scheduler, order.timeout, order.memory)
 
 
-def _watch(
-    keeper: Keeper,
-    names: Sequence[str],
-    folder: Folder,
-    order: Order,
-    report: Callable[[Tally], None],
-) -> None:
+def _watch(keeper: Keeper, names: Sequence[str], folder: Folder, order: Order, report: Report) -> None:
     arrivals = Arrivals(order.settle or 0.0)
     assembled = -1
     next_look = 0.0

@@ -263,11 +263,8 @@ def _digest(record: bytes) -> str:
 def encode(table: Table, estimates: WindowEstimates, account: dict[str, Any]) -> bytes:
     import pyarrow as pa
 
-    columns = {
-        name: pa.array(values, pa.string() if isinstance(values, list) else None)
-        for name, values in table.items()
-        if name != "source"
-    }
+    own = {name: values for name, values in table.items() if name != "source"}
+    columns = {n: pa.array(v, pa.string() if isinstance(v, list) else None) for n, v in own.items()}
     columns |= {f"{_SI}{f.name}": pa.array(getattr(estimates, f.name)) for f in fields(estimates)}
     told = {name: value for name, value in account.items() if name != "source"}
     batch = pa.RecordBatch.from_pydict(columns, metadata={_ACCOUNT: json.dumps(told, allow_nan=False)})

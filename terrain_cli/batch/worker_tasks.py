@@ -72,11 +72,8 @@ def gather(rover: Rover, settings: Settings, crs: str | None) -> Configuration:
     file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     model = None
     if file is not None:
-        model = {
-            "base": file.model.base,
-            "text": file.text,
-            "effects": {name: _effect(name, file) for name in file.effects},
-        }
+        parts = {name: _effect(name, file) for name in file.effects}
+        model = {"base": file.model.base, "text": file.text, "effects": parts}
     document = {
         "format": FORMAT,
         "terrain-est": __version__,
@@ -108,11 +105,8 @@ def _hash(document: dict[str, Any]) -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of this program and of what it computes with."""
-    return {
-        "terrain-est": __version__,
-        "python": platform.python_version(),
-        **{name: _installed(name) for name in _LIBRARIES},
-    }
+    own = {"terrain-est": __version__, "python": platform.python_version()}
+    return own | {name: _installed(name) for name in _LIBRARIES}
 
 
 @dataclass(frozen=True)
@@ -270,11 +264,8 @@ def opened(item: Input, largest: int) -> Iterator[str]:
 
 def _check_versions(keeper: dict[str, str]) -> None:
     own = versions()
-    differ = [
-        f"{name} {own.get(name)} instead of {number}"
-        for name, number in keeper.items()
-        if own.get(name) != number
-    ]
+    others = {name: number for name, number in keeper.items() if own.get(name) != number}
+    differ = [f"{name} {own.get(name)} instead of {number}" for name, number in others.items()]
     if differ:
         hint = "install the same versions everywhere"
         raise WorkerDiffersError(f"a worker has {', '.join(differ)}", hint=hint)

@@ -57,11 +57,8 @@ def of_text(text: str) -> Rover:
 
 def _rover(path: Path, content: dict[str, Any]) -> Rover:
     motor = content.get("motor", {})
-    default = Wheel(
-        **content.get("wheel", {}),
-        channels=content.get("channels", {}),
-        motor=_motor(motor, f"{path}: motor"),
-    )
+    given, channels = content.get("wheel", {}), content.get("channels", {})
+    default = Wheel(**given, channels=channels, motor=_motor(motor, f"{path}: motor"))
     wheels = {}
     for name, given in content.get("wheels", {}).items():
         own = _motor({**motor, **given.pop("motor", {})}, f"{path}: wheels.{name}.motor")

@@ -131,11 +131,8 @@ def _in_reaches(
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""
         raise InputError(f"{source.path}: there are no samples{where}")
-    outcome = Outcome(
-        table={},
-        account=_of_source(source)
-        | {"wheels": [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]},
-    )
+    told = [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]
+    outcome = Outcome(table={}, account=_of_source(source) | {"wheels": told})
     outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]
     return _finished(outcome, [wheel.table for wheel in done if wheel.table is not None])
 
@@ -150,11 +147,8 @@ def _finished(outcome: Outcome, tables: Sequence[segment_table.Table]) -> Outcom
 
 
 def _of_source(source: formats.Source) -> dict[str, Any]:
-    return {
-        "source": source.path,
-        "rows_skipped": getattr(source, "skipped", 0),
-        "salvage": source.recovery.document() if source.recovery else None,
-    }
+    salvage = source.recovery.document() if source.recovery else None
+    return {"source": source.path, "rows_skipped": getattr(source, "skipped", 0), "salvage": salvage}
 
 
 def nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:

@@ -207,11 +207,8 @@ def _model(content: Mapping[str, Any], folder: Path) -> tuple[Base, dict[str, Ch
     found = models.resolve(name)
     chosen = {}
     for effect in found.model.effects:
-        own = {
-            p.name: found.fixed[effect.qualified(p)]
-            for p in effect.parameters
-            if effect.qualified(p) in found.fixed
-        }
+        names = {p.name: effect.qualified(p) for p in effect.parameters}
+        own = {name: found.fixed[full] for name, full in names.items() if full in found.fixed}
         chosen[effect.id] = settle(effect, own, name)
     return found.model.base, chosen
 

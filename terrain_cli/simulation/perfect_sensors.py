@@ -186,12 +186,8 @@ class Physics:
             true = np.asarray(predict(unseen, wheel, known, values, given="load").sinkage)
         if model.base == "linear":
             prediction = predict(model, wheel, {**known, "sinkage": sinkage}, values)
-        return {
-            "torque": np.asarray(prediction.torque),
-            "drawbar_pull": np.asarray(prediction.drawbar_pull),
-            "sinkage": sinkage,
-            "true_sinkage": true,
-        }
+        torque, pull = np.asarray(prediction.torque), np.asarray(prediction.drawbar_pull)
+        return {"torque": torque, "drawbar_pull": pull, "sinkage": sinkage, "true_sinkage": true}
 
     def _refuse(self, known: dict[str, Array], sample: int) -> None:
         soil = self.scenario.soils[int(known["soil"][sample])]

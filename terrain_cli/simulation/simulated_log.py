@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.vocabulary.arrays import Array, Index
+    from terrain_cli.vocabulary.arrays import Array
 
 #: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
 TOGETHER: dict[str, tuple[tuple[str, ...], float]] = {
@@ -121,30 +122,23 @@ def _measure(
     sensor = scenario.sensors.get(channel, Sensor())
     error = sensor.error(time, shown, scenario.duration, scenario.seed, key)
     if channel == "angular_velocity" and SLIP in scenario.sensors:
-        shown = _with_wrong_slip(scenario, wheel, time, truth, rows)
+        # The wheel speeds from which a wrong slip follows.
+        slip, velocity = truth["slip"][rows], truth["velocity"][rows]
+        known = ~np.isnan(slip)
+        slip = np.where(known, slip, 0.0)
+        key = f"{wheel} {SLIP}"
+        wrong = scenario.sensors[SLIP].error(time, slip, scenario.duration, scenario.seed, key)
+        wrong = np.clip(slip + wrong, -0.95, 0.99)
+        speed = perfect_sensors.wheel_speed(np.abs(velocity), wrong, scenario.geometry.radius)
+        shown = np.where(known, np.copysign(speed, shown), shown)
     return SimulatedSeries(time, sensor.rounded(shown + error))
 
 
-def _with_wrong_slip(
-    scenario: Scenario, wheel: str, time: Array, truth: Mapping[str, Array], rows: Index
-) -> Array:
-    """Return the wheel speeds from which a wrong slip follows."""
-    slip, velocity, omega = (truth[name][rows] for name in ("slip", "velocity", "angular_velocity"))
-    known = ~np.isnan(slip)
-    true = np.where(known, slip, 0.0)
-    error = scenario.sensors[SLIP].error(time, true, scenario.duration, scenario.seed, f"{wheel} {SLIP}")
-    wrong = np.clip(true + error, -0.95, 0.99)
-    speed = perfect_sensors.wheel_speed(np.abs(velocity), wrong, scenario.geometry.radius)
-    return np.where(known, np.copysign(speed, omega), omega)
-
-
 def _stretches(ride: Ride) -> list[Stretch]:
-    changes = np.flatnonzero(np.diff(ride.soil)) + 1
-    starts = [0, *changes.tolist()]
-    ends = [*changes.tolist(), len(ride.soil) - 1]
+    bounds = [0, *(np.flatnonzero(np.diff(ride.soil)) + 1).tolist(), len(ride.soil) - 1]
     return [
         Stretch(int(ride.soil[start]), round(float(ride.time[start]), 6), round(float(ride.time[end]), 6))
-        for start, end in zip(starts, ends, strict=True)
+        for start, end in pairwise(bounds)
     ]
 
 

@@ -55,14 +55,8 @@ def _joint_states(log: SimulatedLog) -> Iterator[Topic]:
     speeds = [measured["angular_velocity"].values for measured in log.wheels.values()]
     time = next(iter(efforts.values())).time
     effort, velocity = np.column_stack([e.values for e in efforts.values()]), np.column_stack(speeds)
-    yield _topic(
-        log,
-        JOINTS,
-        "sensor_msgs/msg/JointState",
-        time,
-        {"velocity": velocity, "effort": effort, "name": [joint(name) for name in efforts]},
-        np.hstack([effort, velocity]),
-    )
+    columns = {"velocity": velocity, "effort": effort, "name": [joint(name) for name in efforts]}
+    yield _topic(log, JOINTS, "sensor_msgs/msg/JointState", time, columns)
 
 
 def _of_wheels(log: SimulatedLog) -> Iterator[Topic]:
@@ -75,8 +69,7 @@ def _of_wheels(log: SimulatedLog) -> Iterator[Topic]:
         else:
             columns = {"header.frame_id": identifier(wheel), "wrench.force.x": pull.values}
             columns["wrench.force.z"] = load.values
-            known = np.column_stack([load.values, pull.values])
-            yield _topic(log, f"{place}/force", "geometry_msgs/msg/WrenchStamped", load.time, columns, known)
+            yield _topic(log, f"{place}/force", "geometry_msgs/msg/WrenchStamped", load.time, columns)
         for name in numbers:
             yield _number(log, f"{place}/{name}", measured[name])
 
@@ -99,7 +92,6 @@ def _of_body(log: SimulatedLog) -> Iterator[Topic]:
             "pose.pose.position.z": odometry["elevation"].values,
             "pose.pose.orientation.w": 1.0,
         },
-        np.column_stack([series.values for series in odometry.values()]),
     )
     pitch, roll, yaw_rate = (body[name] for name in TOGETHER["attitude"][0])
     columns = {"header.frame_id": "body", "angular_velocity.z": yaw_rate.values}
@@ -111,8 +103,7 @@ def _of_body(log: SimulatedLog) -> Iterator[Topic]:
 
 
 def _number(log: SimulatedLog, name: str, series: SimulatedSeries) -> Topic:
-    known = series.values[:, np.newaxis]
-    return _topic(log, name, NUMBER, series.time, {"data": series.values}, known, NUMBER_DEFINITION)
+    return _topic(log, name, NUMBER, series.time, {"data": series.values}, definition=NUMBER_DEFINITION)
 
 
 def _topic(
@@ -121,10 +112,12 @@ def _topic(
     message_type: str,
     time: Array,
     columns: Mapping[str, Any],
-    known: Array,
+    known: Array | None = None,
     definition: str = "",
 ) -> Topic:
-    """Keep the messages in which anything is known."""
+    """Keep the messages in which anything is `known`: of the columns, if it is not said of what."""
+    if known is None:
+        known = np.column_stack([column for column in columns.values() if isinstance(column, np.ndarray)])
     kept = ~np.isnan(known).all(axis=1)
     # Whole microseconds, which a double in seconds since 1970 only nearly holds.
     stamps = np.round((log.scenario.start + time[kept]) * 1e6).astype(np.int64) * 1000

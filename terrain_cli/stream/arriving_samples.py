@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.bags import TopicClocks
     from terrain_cli.vocabulary.arrays import Array
 
+    #: Of the full model; None for the line.
+    Effects = tuple[Effect, ...] | None
 #: Samples of a wheel that are looked at again with the next ones: they tell its usual rate, what is late, and
 #: what is a gap. Judged: enough for the median of the steps.
 BEFORE = 256
@@ -53,9 +55,7 @@ _WAITED, _KEPT = 60.0, 300.0
 class ArrivingSamples(ABC):
     """Makes samples of what arrives; those of each wheel are consecutive."""
 
-    def __init__(
-        self, source: Source, rover: Rover, settings: Settings, effects: tuple[Effect, ...] | None
-    ) -> None:
+    def __init__(self, source: Source, rover: Rover, settings: Settings, effects: Effects) -> None:
         where = telemetry.Condition(settings.where) if settings.where else None
         self._reader = telemetry.part_reader(
             source, rover, wheels=settings.wheels, where=where, effects=effects
@@ -106,9 +106,7 @@ class ArrivingSamples(ABC):
 class RowSamples(ArrivingSamples):
     """Makes samples of the rows of a table."""
 
-    def __init__(
-        self, rows: ArrivingRows, rover: Rover, settings: Settings, effects: tuple[Effect, ...] | None
-    ) -> None:
+    def __init__(self, rows: ArrivingRows, rover: Rover, settings: Settings, effects: Effects) -> None:
         super().__init__(rows, rover, settings, effects)
         request = self._reader.request
         rows.wanted = raw_channels.fields(request.layout, request.channels, request.extras)
@@ -184,9 +182,7 @@ def _length(batch: Batch) -> int:
 class MessageSamples(ArrivingSamples):
     """Makes samples of the messages of a bag, once all topics have passed their time."""
 
-    def __init__(
-        self, bag: ArrivingBag, rover: Rover, settings: Settings, effects: tuple[Effect, ...] | None
-    ) -> None:
+    def __init__(self, bag: ArrivingBag, rover: Rover, settings: Settings, effects: Effects) -> None:
         super().__init__(bag, rover, settings, effects)
         request = self._reader.request
         bag.wanted = bags.fields(request.layout, request.channels)

@@ -17,7 +17,6 @@ from terrain_cli.presentation import segment_files, segment_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from types import TracebackType
 
     from formats.output.bag_writer import GrowingBag
 
@@ -57,9 +56,7 @@ class GrowingTable:
                 self._stream = self._stack.enter_context(opened)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     def add(self, row: segment_table.Table, mark: str = "") -> None:

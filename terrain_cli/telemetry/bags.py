@@ -103,11 +103,8 @@ class TopicClocks:
 def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
     """Put all topics on one clock: the headers' stamps, or the log's where there are none."""
     logged = {topic: np.asarray(table[LOG_TIME]) for topic, table in tables.items()}
-    stamps = {
-        topic: stamp
-        for topic, table in tables.items()
-        if (stamp := raw_columns.header_stamps(table)) is not None
-    }
+    found = {topic: raw_columns.header_stamps(table) for topic, table in tables.items()}
+    stamps = {topic: stamp for topic, stamp in found.items() if stamp is not None}
     remarks = []
     lags = {t: float(np.median((logged[t] - stamp) / np.timedelta64(1, "s"))) for t, stamp in stamps.items()}
     clocks = {topic: alignment.seconds(stamp, 0.0) for topic, stamp in stamps.items()}
@@ -148,7 +145,7 @@ def _wheel(
     *,
     whole: bool,
 ) -> Raw:
-    raw = Raw(wheel=name, origin=clocks.origin, time=None, channels={}, labels={}, extras={}, feeds=feeds)
+    raw = Raw(wheel=name, origin=clocks.origin, feeds=feeds)
     series: dict[str, tuple[Array, Array]] = {}
     for channel, feed in feeds.items():
         if not feed.topic or CHANNELS[channel].dimension == LABEL:

@@ -118,11 +118,10 @@ def excerpted(samples: Sequence[Samples]) -> list[str]:
 
 def notes(samples: Sequence[Samples]) -> list[str]:
     """Say what was not read of some inputs, lost or left out, and what every command says of them."""
-    saved = [
-        f"{one.source}: {remark}"
-        for one in samples
-        for remark in [*told(one.remarks), *(r for r in one.remarks if isinstance(r, Notice))]
-    ]
+    saved = []
+    for one in samples:
+        notices = (remark for remark in one.remarks if isinstance(remark, Notice))
+        saved += [f"{one.source}: {remark}" for remark in (*told(one.remarks), *notices)]
     return [*dict.fromkeys(saved), *excerpted(samples)]
 
 

@@ -112,13 +112,8 @@ def _plan_bag(
         for candidate in [*found, *_unheard(result, stream, asked)]:
             candidates.setdefault(candidate.feed.channel, []).append(candidate)
     there = topic_discovery.wheels_in(candidates, result.labels)
-    joints = [
-        name
-        for s in streams.values()
-        if s.type == topic_discovery.JOINT_STATE
-        for f in s.fields
-        for name in f.elements
-    ]
+    states = [stream for stream in streams.values() if stream.type == topic_discovery.JOINT_STATE]
+    joints = [name for stream in states for field in stream.fields for name in field.elements]
     result.shared = asked.pop("", {})
     topics = (result.shared[name].topic for name in CLOCKS if name in result.shared)
     clock = next(filter(None, topics), None)

@@ -144,12 +144,8 @@ def find(raw: Raw) -> OwnClocks | None:
         others = [mask for other, mask in counted.items() if other != name]
         fullest = max(others, key=np.count_nonzero, default=None)
         if slower or (fullest is not None and _avoid(counted[name], fullest)):
-            intervals = {
-                other: clocks[other][0]
-                for other, mask in there.items()
-                if other != name and (clocks[other][1] or _avoid(mask, there[name]))
-            }
-            return OwnClocks(name, interval, slower, intervals)
+            own = [o for o, mask in there.items() if clocks[o][1] or _avoid(mask, there[name])]
+            return OwnClocks(name, interval, slower, {o: clocks[o][0] for o in own if o != name})
     return None
 
 

@@ -75,15 +75,7 @@ def _wheel(
         return table[header] if rows is None else raw_columns.take(table[header], rows)
 
     n = len(next(iter(table.values()))) if table and rows is None else 0 if rows is None else len(rows)
-    raw = Raw(
-        wheel=name,
-        origin=0.0,
-        time=None,
-        channels={},
-        labels={},
-        extras={extra: column(extra) for extra in extras},
-        feeds=feeds,
-    )
+    raw = Raw(wheel=name, extras={extra: column(extra) for extra in extras}, feeds=feeds)
     for channel, feed in feeds.items():
         if channel == "time":
             raw.origin, raw.time = _time(path, feed, [column(f) for f in feed.fields])

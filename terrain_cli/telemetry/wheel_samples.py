@@ -201,13 +201,12 @@ class Raw:
     """The channels of one wheel on one clock, before anything is derived or judged."""
 
     wheel: str
-    origin: float  # Whole seconds taken off the clock
-    time: Array | None  # In s; shape (n,)
-    #: In SI units; shape (n,).
-    channels: dict[str, Array]
-    labels: dict[str, Labels]
+    origin: float = 0.0  # Whole seconds taken off the clock
+    time: Array | None = None  # In s; shape (n,)
+    channels: dict[str, Array] = field(default_factory=dict)  # In SI units; shape (n,)
+    labels: dict[str, Labels] = field(default_factory=dict)
     #: Further columns that were asked for, as read; shape (n,).
-    extras: dict[str, Column]
+    extras: dict[str, Column] = field(default_factory=dict)
     feeds: dict[str, Feed]
     remarks: list[str] = field(default_factory=list)
 

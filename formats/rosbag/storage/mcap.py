@@ -142,16 +142,9 @@ class McapFile(McapReader):
                 found += _loose(begin, at, first)
                 begin, first = at, None
             if code == _CHUNK_CODE:
-                found.append(
-                    Chunk(
-                        position=at,
-                        stored=RECORD + length,
-                        unpack=_contents,
-                        slow=True,
-                        first=_LENGTH.unpack_from(head, RECORD)[0],
-                        index=None,
-                    )
-                )
+                (start,) = _LENGTH.unpack_from(head, RECORD)
+                whole: dict[str, Any] = {"position": at, "stored": RECORD + length, "first": start}
+                found.append(Chunk(**whole, unpack=_contents, slow=True, index=None))
                 begin = behind
             elif code == _MESSAGE_CODE:
                 (time,) = _TIME.unpack_from(head, RECORD + 6)

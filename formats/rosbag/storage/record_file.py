@@ -211,11 +211,9 @@ class RecordFile(SalvagedFile):
     def runs(self, wanted: Collection[int], size: int = 0) -> Iterator[dict[int, Messages]]:  # noqa: ARG002 - as `rosbag.containers.Reader` has it
         """Read the messages of some connections, none earlier than one of its connection before."""
         numbers = np.array(sorted(wanted), dtype=np.int64)
-        chosen = sorted(
-            (piece.first, rank, piece)
-            for rank, piece in enumerate(self.pieces)
-            if np.isin(piece.rows[:, 0], numbers).any()
-        )
+        pieces = enumerate(self.pieces)
+        holding = ((rank, piece) for rank, piece in pieces if np.isin(piece.rows[:, 0], numbers).any())
+        chosen = sorted((piece.first, rank, piece) for rank, piece in holding)
         waiting: dict[int, list[Messages]] = {}
         for k, (_, rank, piece) in enumerate(chosen):
             for number, messages in messages_of(piece, rank, numbers).items():

@@ -196,14 +196,8 @@ class SalvagedRos1(RecordFile):
             return record.end
         packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
         index, end = self._index(record.end)
-        self.take_chunk(
-            at,
-            slice(record.begin, record.end),
-            packing,
-            size,
-            lambda found: _settled(found, index),
-            vouched=packing == "bz2",
-        )
+        place, vouched = slice(record.begin, record.end), packing == "bz2"
+        self.take_chunk(at, place, packing, size, lambda found: _settled(found, index), vouched=vouched)
         return end
 
     def _cut_chunk(self, record: _BagRecord) -> None:
@@ -279,16 +273,9 @@ class SalvagedRos1(RecordFile):
                 # Perhaps it is a standard type, which its checksum tells.
                 self.recovery.damage.append(f"the definition of {topic} is not the one its checksum is of")
                 text = ""
-            known[number] = Connection(
-                number,
-                topic,
-                kind,
-                MessageDefinition(MessageDefinitionFormat.MSG, text),
-                digest,
-                0,
-                ConnectionExtRosbag1(caller, None),
-                self,
-            )
+            definition = MessageDefinition(MessageDefinitionFormat.MSG, text)
+            more = ConnectionExtRosbag1(caller, None)
+            known[number] = Connection(number, topic, kind, definition, digest, 0, more, self)
         return known
 
 
