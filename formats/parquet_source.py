@@ -58,9 +58,8 @@ class ParquetSource(Source):
             texts = [values.get(key, "") for values in self._parts.values()]
             self._kinds[key] = kind_of(texts, ".") or "text"
         if passed_over:
-            self.remarks.append(
-                f"columns passed over, being neither numbers, texts nor times: {', '.join(passed_over)}"
-            )
+            names = ", ".join(passed_over)
+            self.remarks.append(f"columns passed over, being neither numbers, texts nor times: {names}")
 
     def streams(self) -> tuple[Stream, ...]:
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items())
@@ -124,9 +123,8 @@ class ParquetSource(Source):
             )
         rows, most = int(part.metadata.num_rows), limits.PARQUET_ROWS_PER_BYTE * Path(file).stat().st_size
         if not 0 <= rows <= max(limits.PARQUET_ROWS, most):
-            raise DamagedError(
-                self._name(file), f"claims {rows:,} rows, more than a file of its size can hold", hint=_LOST
-            )
+            what = f"claims {rows:,} rows, more than a file of its size can hold"
+            raise DamagedError(self._name(file), what, hint=_LOST)
         return rows
 
     def _check(self, file: str, part: Any, stored: Sequence[str]) -> None:

@@ -122,9 +122,8 @@ class Recovery:
             return f"{self.lost_s:.3f} s in {stretches} stretch{'es' * (stretches != 1)} of the log"
         least = self.lost_at_least_s
         told = f"at least {least:.3f} s, and " if least else ""
-        where = (
-            "what is missing" if any(start is None for start, _ in self.lost) else "what came after the last"
-        )
+        beginning = any(start is None for start, _ in self.lost)
+        where = "what is missing" if beginning else "what came after the last"
         return f"{told}{where}; how much that was cannot be known"
 
     def document(self) -> dict[str, Any]:

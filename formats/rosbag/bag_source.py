@@ -198,10 +198,8 @@ class BagSource(Source):
         for decoder in topic.decoders.values():
             for leaf in decoder.definition.leaves.values():
                 if leaves.setdefault(leaf.name, leaf).kind != leaf.kind:
-                    self.remarks.append(
-                        f"{name}: {leaf.name} is {leaves[leaf.name].kind} to one publisher and {leaf.kind}"
-                        " to another; only the former is read"
-                    )
+                    kinds = f"{leaves[leaf.name].kind} to one publisher and {leaf.kind} to another"
+                    self.remarks.append(f"{name}: {leaf.name} is {kinds}; only the former is read")
         start, end = self._container.span(topic.places) or (None, None)
         return Stream(
             topic=name,
@@ -265,9 +263,8 @@ class BagSource(Source):
         readings: dict[int, Reading] = {}
         for topic, names in fields.items():
             found = self._usable(topic)
-            reading = Reading(
-                self.path, found.stream, found.decoders, [self._request(found, n) for n in names], batch_rows
-            )
+            asked = [self._request(found, name) for name in names]
+            reading = Reading(self.path, found.stream, found.decoders, asked, batch_rows)
             readings |= dict.fromkeys(found.decoders, reading)
         return readings
 
@@ -300,9 +297,8 @@ class BagSource(Source):
             raise FormatError(self.path, f"{stream.topic}: {name} is a list", hint=hint)
         text = element.removesuffix("]")
         by_place = text.isascii() and text.isdigit() and text not in topic.names.get(name, ())
-        return FieldRequest(
-            asked, name, "number" if field.kind == "numbers" else "text", int(text) if by_place else text
-        )
+        key = int(text) if by_place else text
+        return FieldRequest(asked, name, "number" if field.kind == "numbers" else "text", key)
 
     def _runs(self, decoders: Mapping[int, Decoder], size: int = RUN_BYTES) -> Iterator[Run]:
         runs = self._container.runs(decoders.keys(), size)

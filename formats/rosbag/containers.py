@@ -52,10 +52,8 @@ class Container:
             self._recording = Recording(path, kind, self._stack, salvage=salvage)
             self.remarks = self._recording.remarks  # What a person should know about which files were read
             for reader in self._opened():
-                places = {
-                    connection.id: place
-                    for place, connection in enumerate(reader.connections, len(self.connections))
-                }
+                numbered = enumerate(reader.connections, len(self.connections))
+                places = {connection.id: place for place, connection in numbered}
                 self._readers.append((reader, places))
                 self.connections += reader.connections
                 self._check_connections()

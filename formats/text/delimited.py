@@ -137,10 +137,8 @@ class DelimitedSource(Source):
         """Read the cells of some fields, with the number of each row: as numbers, else as text."""
         done = 0
         if places and self.recovery is None:
-            kinds = {
-                j: pa.float64() if self._kinds.get(self._dialect.names[j]) == "number" else pa.string()
-                for j in places
-            }
+            numeric = {j for j in places if self._kinds.get(self._dialect.names[j]) == "number"}
+            kinds = {j: pa.float64() if j in numeric else pa.string() for j in places}
             try:
                 said, width = self._dialect, len(self._dialect.names)
                 with (
@@ -264,10 +262,8 @@ class _Mending:
         added = np.array([number for number, _ in mended], dtype=np.int64)
         rows = np.concatenate([even, added])
         order = np.argsort(rows, kind="stable")
-        filled = [
-            pa.concat_arrays([cells, self._cells(place, mended)]).take(pa.array(order))
-            for cells, place in zip(block, self.places, strict=True)
-        ]
+        both = [(cells, self._cells(place, mended)) for cells, place in zip(block, self.places, strict=True)]
+        filled = [pa.concat_arrays(pair).take(pa.array(order)) for pair in both]
         return rows[order], filled
 
     def _number(self, j: int) -> int:

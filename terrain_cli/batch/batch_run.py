@@ -133,10 +133,8 @@ class Assemble:
         from terrain_cli import estimation
         from terrain_cli.presentation import segment_table, summary
 
-        batch = {
-            **self.account,
-            "configurations": dict(sorted(Counter(part.configuration for part in self.parts).items())),
-        }
+        counts = Counter(part.configuration for part in self.parts)
+        batch = {**self.account, "configurations": dict(sorted(counts.items()))}
         if not self.parts:
             return {"format": summary.FORMAT, "batch": batch, "inputs": [], "terrains": []}, None
         tables, estimates, accounts, systems = [], [], [], set()
@@ -169,10 +167,8 @@ class Assemble:
                 table["WKT"] = [""] * len(table["WKT"])
             yield table
         if not self.parts:
-            yield {
-                name: [] if name in _TEXT else np.zeros(0, np.int64 if name in _WHOLE else np.float64)
-                for name in segment_table.COLUMNS
-            }
+            types = {name: np.int64 if name in _WHOLE else np.float64 for name in segment_table.COLUMNS}
+            yield {name: [] if name in _TEXT else np.zeros(0, kind) for name, kind in types.items()}
 
     def _blocks(self) -> Iterator[list[tuple[Table, WindowEstimates, dict[str, Any]]]]:
         if not self.parts:
@@ -186,10 +182,8 @@ class Assemble:
     def _record(self, file: Records, part: MissionPart) -> bytes:
         record = file.read(part.record)
         if record is None:
-            raise InputError(
-                f"{self.folder}: what was kept of {part.path} is damaged",
-                hint="run again with --force for this input",
-            )
+            what = f"{self.folder}: what was kept of {part.path} is damaged"
+            raise InputError(what, hint="run again with --force for this input")
         return record
 
 

@@ -40,10 +40,8 @@ class Cluster:
         try:
             import distributed
         except ModuleNotFoundError:
-            raise ConfigurationError(
-                "--scheduler needs Dask distributed, which is not installed",
-                hint=version.command_for("distributed"),
-            ) from None
+            what = "--scheduler needs Dask distributed, which is not installed"
+            raise ConfigurationError(what, hint=version.command_for("distributed")) from None
         _check_address(address)
         # It tells of each connection that ends; what matters is told below.
         logging.disable(logging.CRITICAL)
@@ -56,18 +54,15 @@ class Cluster:
             make: Any = distributed.Client
             self._client = make(address, timeout=_PATIENCE, set_as_default=False)
         except Exception as error:  # each kind of connection has errors of its own
-            raise SchedulerError(
-                f"{address}: no scheduler answers: {' '.join(str(error).split())}",
-                hint="start one with: dask scheduler",
-            ) from error
+            what = f"{address}: no scheduler answers: {' '.join(str(error).split())}"
+            raise SchedulerError(what, hint="start one with: dask scheduler") from error
         try:
             self._client.wait_for_workers(1, timeout=_PATIENCE)
             _check_versions(address, self._client)
         except TimeoutError:
             self.close()
-            raise SchedulerError(
-                f"{address}: the scheduler has no workers", hint=f"start some with: dask worker {address}"
-            ) from None
+            hint = f"start some with: dask worker {address}"
+            raise SchedulerError(f"{address}: the scheduler has no workers", hint=hint) from None
         except BaseException:
             self.close()
             raise
@@ -108,10 +103,8 @@ class Cluster:
             self._client.close(timeout=0.5)
 
     def _gone(self) -> SchedulerError:
-        return SchedulerError(
-            f"{self._address}: the scheduler has gone",
-            hint="run the same command again when it is back: what is done is kept",
-        )
+        hint = "run the same command again when it is back: what is done is kept"
+        return SchedulerError(f"{self._address}: the scheduler has gone", hint=hint)
 
     def _reply(self, future: Any) -> Reply:
         if future.status == "finished":
@@ -139,10 +132,8 @@ def _check_address(address: str) -> None:
     of_client = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
     certified = of_client["ssl_context"] is not None
     if address.startswith(_ENCRYPTED) and not certified:
-        raise UsageError(
-            f"--scheduler {address}: no certificates for it",
-            hint="distributed.comm.tls in Dask's configuration",
-        )
+        hint = "distributed.comm.tls in Dask's configuration"
+        raise UsageError(f"--scheduler {address}: no certificates for it", hint=hint)
 
 
 def tell_versions() -> dict[str, str]:

@@ -162,10 +162,8 @@ def _noise(channel: str) -> Rule:
     def rule(value: Any, place: str) -> SensorNoise:
         values = _NOISE(value, place)
         if not values.keys() - {"unit"}:
-            raise ConfigurationError(
-                f"{place}: give relative, absolute or offset, or several of them",
-                hint="such as { relative = 0.02 }",
-            )
+            what = f"{place}: give relative, absolute or offset, or several of them"
+            raise ConfigurationError(what, hint="such as { relative = 0.02 }")
         # Standard deviations: no zero point, as between K and °C.
         factor = _unit(values["unit"], channel, f"{place}.unit").factor if "unit" in values else 1.0
         amounts = [name for name in ("absolute", "offset") if name in values]

@@ -131,14 +131,10 @@ class Rover:
             return next(iter(self.wheels.values()))
         listed = ", ".join(self.wheels)
         if not name:
-            raise ConfigurationError(
-                f"{self.label}: the data do not say which of the wheels {listed} they are of",
-                hint="choose it with --wheel NAME",
-            )
-        raise ConfigurationError(
-            f"{self.label}: no [wheels.{name}] for wheel {name!r} of the data{nearest(name, self.wheels)}",
-            hint=f"its wheels are {listed}",
-        )
+            what = f"the data do not say which of the wheels {listed} they are of"
+            raise ConfigurationError(f"{self.label}: {what}", hint="choose it with --wheel NAME")
+        what = f"no [wheels.{name}] for wheel {name!r} of the data{nearest(name, self.wheels)}"
+        raise ConfigurationError(f"{self.label}: {what}", hint=f"its wheels are {listed}")
 
     def geometry(self, wheel: Wheel) -> tuple[float, float]:
         """Return radius and width of a wheel in m."""

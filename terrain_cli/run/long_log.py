@@ -163,9 +163,8 @@ class LongWheel:
         self._waiting = self._carried = n - end
         if end < n:
             going_on = samples.stretch[end]
-            self._ahead = int(np.count_nonzero(samples.stretch[:end] == going_on)) + (
-                self._ahead if samples.stretch[0] == going_on else 0
-            )
+            before = self._ahead if samples.stretch[0] == going_on else 0
+            self._ahead = int(np.count_nonzero(samples.stretch[:end] == going_on)) + before
             self._pending = [samples.taken(np.arange(end, n))]
 
     def _keep(self, cut: Windows) -> None:
@@ -206,10 +205,8 @@ class LongWheel:
                 "the stresses for true; --method wong-reece fits the full model, with the log in memory"
             )
         if self._cut:
-            remarks.append(
-                f"wheel {self._first.wheel}: a soil that goes on is cut every {LONGEST:,} samples or so "
-                f"({self._cut} times)"
-            )
+            often = f"every {LONGEST:,} samples or so ({self._cut} times)"
+            remarks.append(f"wheel {self._first.wheel}: a soil that goes on is cut {often}")
         return account(self._first, self._rows, self._used, dict(self._reasons.most_common()), remarks)
 
 
@@ -313,10 +310,8 @@ class _Beside:
         try:
             reply = self._link.recv()
         except (EOFError, OSError):
-            raise TerrainError(
-                "the process that makes windows and estimates was killed; out of memory?",
-                hint="free some memory, and run again",
-            ) from None
+            what = "the process that makes windows and estimates was killed; out of memory?"
+            raise TerrainError(what, hint="free some memory, and run again") from None
         if isinstance(reply, Exception):
             raise reply
         return reply

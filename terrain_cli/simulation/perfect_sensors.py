@@ -167,10 +167,8 @@ class Physics:
             if change <= _CLOSE:
                 break
         if change > _CLOSE_ENOUGH:
-            raise InputError(
-                "the effects have no values of load, slip, torque and pull that agree with each other",
-                hint="make them smaller",
-            )
+            what = "the effects have no values of load, slip, torque and pull that agree with each other"
+            raise InputError(what, hint="make them smaller")
         return {**shown, "true_load": felt_load, "true_slip": felt_slip}
 
     def _forces(self, model: Model, known: dict[str, Array], values: dict[str, Array]) -> dict[str, Array]:
@@ -256,10 +254,8 @@ def bearable(scenario: Scenario, loads: Iterable[float]) -> float:
     load = scenario.load
     for load in loads:
         channels = {"slip": np.array(slips), "load": np.full(len(slips), most * load)}
-        depths = [
-            predict(Model(), wheel, channels, s.values(wheel.width), given="load").sinkage
-            for s in scenario.soils
-        ]
+        values = [soil.values(wheel.width) for soil in scenario.soils]
+        depths = [predict(Model(), wheel, channels, own, given="load").sinkage for own in values]
         if np.all(np.asarray(depths) <= _DEEP * wheel.radius):
             break
     return load

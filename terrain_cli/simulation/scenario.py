@@ -196,10 +196,8 @@ def settle(effect: Effect, given: Mapping[str, float], place: str) -> Chosen:
     known = {p.name: p for p in effect.parameters}
     for parameter, value in given.items():
         if parameter not in known:
-            raise ConfigurationError(
-                f"{place}: effect {effect.id} has no parameter {parameter!r}{nearest(parameter, known)}",
-                hint=f"it has {', '.join(known)}",
-            )
+            what = f"effect {effect.id} has no parameter {parameter!r}{nearest(parameter, known)}"
+            raise ConfigurationError(f"{place}: {what}", hint=f"it has {', '.join(known)}")
         bounds = known[parameter]
         if not bounds.lower <= value <= bounds.upper:
             raise ConfigurationError(
@@ -317,10 +315,8 @@ def profile_rule(what: str, low: float, high: float) -> Rule:
                 raise ConfigurationError(f"{place}: swings beyond what it can be: each value is {what}")
             return Profile("swing", (given["mean"], given["swing"], given["period"]))
         if isinstance(value, list | str | bool):
-            raise ConfigurationError(
-                f"{place}: must be a number, a list of numbers, {{ steps = […] }} or "
-                f"{{ mean = …, swing = …, period = … }}, not {value!r}"
-            )
+            forms = "a number, a list of numbers, { steps = […] } or { mean = …, swing = …, period = … }"
+            raise ConfigurationError(f"{place}: must be {forms}, not {value!r}")
         return Profile("ramps", (number(value, place),))
 
     return rule

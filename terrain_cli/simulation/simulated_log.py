@@ -277,10 +277,8 @@ def _stack(
     time = np.concatenate([time for _, time, _ in parts])
     order = np.argsort(time, kind="stable")
     wheels = [name for name, time, _ in parts for _ in time]
-    stacked: dict[str, Array | list[str]] = {
-        "time": np.round(log.scenario.start + time[order], 6),
-        "wheel": [wheels[row] for row in order],
-    }
+    moments = np.round(log.scenario.start + time[order], 6)
+    stacked: dict[str, Array | list[str]] = {"time": moments, "wheel": [wheels[row] for row in order]}
     for name in parts[0][2]:
         column = np.concatenate([columns[name] for _, _, columns in parts])[order]
         stacked[name] = column.tolist() if column.dtype == object else column

@@ -181,10 +181,8 @@ class Follow:
     def _end(self) -> None:
         if self._samples is None:
             if not self._rows.prepare(b"\n", hurry=True):
-                raise InputError(
-                    f"{self._rows.label}: no {self._rows.counted[:-1]} came",
-                    hint="\n".join([*self._rows.faults(), _NOTHING]),
-                )
+                hint = "\n".join([*self._rows.faults(), _NOTHING])
+                raise InputError(f"{self._rows.label}: no {self._rows.counted[:-1]} came", hint=hint)
             self._begin()
         samples = self._samples
         assert samples is not None  # noqa: S101 - begun above

@@ -285,10 +285,8 @@ class FollowedWheel:
         cut, fitted = self._fit([part for _, part in self._held], stress)
         stress.value = estimators.common_stress(stress.value, fitted)
         found = segment_table.table(cut, fitted.estimates)
-        return [
-            {**row, **{name: found[name][place : place + 1] for name in _OF_FIT}}
-            for place, (row, _) in enumerate(self._held)
-        ]
+        own = [{name: found[name][place : place + 1] for name in _OF_FIT} for place in range(len(self._held))]
+        return [{**row, **columns} for (row, _), columns in zip(self._held, own, strict=True)]
 
     def _with_effects(self, samples: Samples) -> Samples:
         """Return samples with what effects need: rates know now what came behind."""

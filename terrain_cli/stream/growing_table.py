@@ -32,10 +32,8 @@ class GrowingTable:
         """Check the name; the last columns are `marks`, of which each row has some or none."""
         kind = segment_files.result_kind(destination)
         if kind not in KINDS:
-            raise UsageError(
-                f"-o {destination}: a table that grows cannot be .{kind}",
-                hint=f"with --follow write {', '.join(f'.{one}' for one in KINDS)}",
-            )
+            hint = f"with --follow write {', '.join(f'.{one}' for one in KINDS)}"
+            raise UsageError(f"-o {destination}: a table that grows cannot be .{kind}", hint=hint)
         self._destination, self._kind, self._crs, self._marks = destination, kind, crs, marks
         self._stack = ExitStack()
         self._stream: TextIO | None = None

@@ -92,9 +92,8 @@ def _model_cannot_be_fitted(
     missing = [lack for several in lacks.values() for lack in several]
     text = "; ".join(dict.fromkeys(lack.because for lack in missing))
     if all(lack.lines for lack in missing):
-        return ConfigurationError(
-            f"{rover.label}: {text}", hint=f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}"
-        )
+        hint = f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}"
+        return ConfigurationError(f"{rover.label}: {text}", hint=hint)
     hints = []
     if any(lack.ask or lack.lines for lack in missing):
         hints.append(f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}")

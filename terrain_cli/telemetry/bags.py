@@ -58,10 +58,8 @@ def wheels(
         label = plan.labels.get(topic)
         topics[topic] = _Topic(times[topic], table, raw_columns.as_labels(table[label]) if label else None)
     # The torque's labels name the wheels; other topics may tell of fewer.
-    ordered = sorted(
-        plan.every_feed,
-        key=lambda feed: CLOCKS.index(feed.channel) if feed.channel in CLOCKS else len(CLOCKS),
-    )
+    rank = {channel: place for place, channel in enumerate(CLOCKS)}
+    ordered = sorted(plan.every_feed, key=lambda feed: rank.get(feed.channel, len(CLOCKS)))
     labels = (topics[feed.topic].wheels for feed in ordered if feed.topic in topics)
     result = []
     for name in choose(next((found for found in labels if found is not None), None)):
@@ -123,10 +121,8 @@ def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
     if abs(lag) <= alignment.CLOCK_TOLERANCE:
         lag = 0.0
     elif len(stamps) < len(tables):
-        remarks.append(
-            f"the log's clock is {lag:+.3f} s off the headers' stamps; "
-            "topics without stamps were shifted by that"
-        )
+        off = f"the log's clock is {lag:+.3f} s off the headers' stamps"
+        remarks.append(f"{off}; topics without stamps were shifted by that")
     shifted = np.timedelta64(round(lag * 1e9), "ns")
     firsts = [
         (stamps[topic][0] if topic in stamps else log[0] - shifted).astype("datetime64[s]").astype(np.int64)

@@ -206,7 +206,5 @@ def _on_bogie(x: Array, side: Mask, pivot: float) -> Mask:
         return np.asarray(x <= middle)
     if middle < pivot < front:
         return np.asarray(x >= middle)
-    raise ConfigurationError(
-        f"vehicle: bogie_pivot at x = {pivot} m is not between two wheels of a side, "
-        f"which are at {rear}, {middle} and {front} m"
-    )
+    wheels = f"two wheels of a side, which are at {rear}, {middle} and {front} m"
+    raise ConfigurationError(f"vehicle: bogie_pivot at x = {pivot} m is not between {wheels}")

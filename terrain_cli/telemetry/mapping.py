@@ -72,10 +72,8 @@ def _plan_table(result: Plan, stream: Stream, asked: dict[str, dict[str, Feed]],
     pairs = [] if settled else time_pairs(headers)
     halves = {header for pair in pairs for header in pair.headers}
     try:
-        channels = resolve(
-            [header for header in headers if header not in halves],
-            chosen=chosen | ({"time"} if steady else set()),
-        )
+        others = [header for header in headers if header not in halves]
+        channels = resolve(others, chosen=chosen | ({"time"} if steady else set()))
     except InputError as error:
         raise InputError(f"{result.source.path}: {error}", hint=error.hint) from None
     for channel, (header, match) in channels.items():
@@ -178,10 +176,8 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
         return replace(base, constant=entry.constant)
     topic = entry.topic or ""
     if topic not in streams:
-        raise ConfigurationError(
-            f"{entry.place}: there is no topic {topic}{nearest(topic, streams)}",
-            hint=f"it has {', '.join(list(streams)[:20])}",
-        )
+        what = f"there is no topic {topic}{nearest(topic, streams)}"
+        raise ConfigurationError(f"{entry.place}: {what}", hint=f"it has {', '.join(list(streams)[:20])}")
     stream = streams[topic]
     if topic and entry.field is None and (meant := _meant(entry, stream, wheel)):
         unit = entry.unit or meant.unit
@@ -202,10 +198,8 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
         return replace(base, topic=topic, fields=(path,))
     unit = _unit(entry, stream.type, name, topic)
     if unit is None and topic:
-        raise ConfigurationError(
-            f"{entry.place}: the unit of {topic} {name} is not known",
-            hint=f"add unit = …; {unit_hint(entry.channel)}",
-        )
+        what = f"the unit of {topic} {name} is not known"
+        raise ConfigurationError(f"{entry.place}: {what}", hint=f"add unit = …; {unit_hint(entry.channel)}")
     note = "" if unit or own.symbol == "1" else f"no unit is stated: taken as {own.symbol}"
     return replace(base, topic=topic, fields=(path,), unit=unit or own, note=note)
 
@@ -228,10 +222,8 @@ def _unit(entry: ChannelEntry, message_type: str, name: str, topic: str) -> Unit
     if symbol:
         unit = units.parse(symbol, dimension)
         if unit is None:
-            raise ConfigurationError(
-                f"{entry.place}: {topic} {name} is in {symbol}, which {channel} cannot be",
-                hint=unit_hint(channel),
-            )
+            what = f"{topic} {name} is in {symbol}, which {channel} cannot be"
+            raise ConfigurationError(f"{entry.place}: {what}", hint=unit_hint(channel))
         return unit
     for text in (name.rpartition(".")[2], topic.rpartition("/")[2] if name in {"data", "value"} else ""):
         if not text:

@@ -87,10 +87,8 @@ def _track(e: UnitEvidence) -> Suspicion | None:
         return round(abs(np.log(left)), 1), (mend.channel == "time") != slow
 
     chosen = min((mend for mend in options if mend.channel in e.feeds), key=off)
-    what = (
-        f"time and velocity make {_metres(times * along if times > 1.0 else float(driven.sum()))} of a track "
-        f"of {_metres(along)}"
-    )
+    driven_by = _metres(times * along if times > 1.0 else float(driven.sum()))
+    what = f"time and velocity make {driven_by} of a track of {_metres(along)}"
     return Suspicion(what, chosen.channel, chosen, "contradiction")
 
 

@@ -110,9 +110,8 @@ def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
     # What is infinite is set aside later.
     with np.errstate(invalid="ignore", over="ignore"):
         if body is not None and body.of_body and wheel.position and "yaw_rate" in raw.channels:
-            raw.channels["velocity"] = derived_channels.wheel_velocity(
-                raw.channels["velocity"], raw.channels["yaw_rate"], wheel.position[1]
-            )
+            speed, yaw_rate = raw.channels["velocity"], raw.channels["yaw_rate"]
+            raw.channels["velocity"] = derived_channels.wheel_velocity(speed, yaw_rate, wheel.position[1])
             origins["velocity"] = f"derived from {body} and yaw rate"
         derived, _ = routes(raw.channels, wheel, rover)
         _derive(raw.channels, derived, wheel, rover)

@@ -50,10 +50,8 @@ class Leaves:
         self._pages = Pages(file.read(HEADER))
         leaves = self._leaves(root)
         step = max(1, RUN_BYTES // self._pages.size)
-        parts = [
-            _decoded(self._read(leaves[k : k + step]), leaves[k : k + step], self._pages)
-            for k in range(0, len(leaves), step)
-        ]
+        some = [leaves[k : k + step] for k in range(0, len(leaves), step)]
+        parts = [_decoded(self._read(pages), pages, self._pages) for pages in some]
         rows = np.concatenate(parts, axis=1)
         number, _, time, _, _ = rows
         if (number[1:] <= number[:-1]).any():

@@ -156,10 +156,8 @@ class McapFile(McapReader):
     def _index(chunk: ChunkInfo) -> tuple[tuple[int, int, int], ...] | None:
         if not chunk.message_index_offsets:
             return None
-        return tuple(
-            (connection, offset + RECORD + _INDEX, chunk.channel_count.get(connection, 0))
-            for connection, offset in chunk.message_index_offsets.items()
-        )
+        begins, counts = chunk.message_index_offsets.items(), chunk.channel_count
+        return tuple((number, at + RECORD + _INDEX, counts.get(number, 0)) for number, at in begins)
 
     def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
         return of["time"].astype(np.int64), of["place"].astype(np.int64)

@@ -141,9 +141,8 @@ class SalvagedDb3(SalvagedFile):
         definitions: dict[str, MessageDefinition] = {}
         for _, told in self._named_rows(tables.get("message_definitions")):
             if told.get("encoding") in FORMATS:
-                definitions[str(told.get("topic_type"))] = MessageDefinition(
-                    FORMATS[str(told["encoding"])], str(told.get("encoded_message_definition"))
-                )
+                language, text = FORMATS[str(told["encoding"])], str(told.get("encoded_message_definition"))
+                definitions[str(told.get("topic_type"))] = MessageDefinition(language, text)
         known = {}
         for number, told in self._named_rows(tables["topics"]):
             name, kind = told.get("name"), told.get("type")

@@ -246,10 +246,8 @@ def records(raw: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
 def _confirmed(found: Found, index: dict[int, Any], start: int, last: int) -> tuple[Index, bool]:
     """Keep the messages that the index names at the same place and time; tell if it and they are the same."""
     # Those of channels without an index, which may be left out or cut off, must lie within the chunk's times.
-    named = {
-        channel: set(zip(entries["time"].tolist(), entries["place"].tolist(), strict=True))
-        for channel, entries in index.items()
-    }
+    pairs = {number: (own["time"].tolist(), own["place"].tolist()) for number, own in index.items()}
+    named = {number: set(zip(*pair, strict=True)) for number, pair in pairs.items()}
     rows = record_file.rows_of(found)
     # A record begins with 9 bytes, a message with 22.
     keep = [
