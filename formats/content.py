@@ -166,11 +166,9 @@ class TextStream(io.RawIOBase):
                 what = f"is cut off: its {self.packing} data end too early"
                 raise DamagedError(self.path, what, hint=HINT) from error
             if self.packing:
-                raise DamagedError(
-                    self.path,
-                    f"its {self.packing} data are corrupt ({error})",
-                    hint="copy it again: from where on they are wrong, nothing tells",
-                ) from error
+                what = f"its {self.packing} data are corrupt ({error})"
+                hint = "copy it again: from where on they are wrong, nothing tells"
+                raise DamagedError(self.path, what, hint=hint) from error
             raise failure(self.path, error) from error
         self._unpacked += len(data)
         if self.packing and self._unpacked > self._limit:
@@ -188,11 +186,9 @@ class TextStream(io.RawIOBase):
             except UnicodeDecodeError as error:
                 line = self._line + error.object[: error.start].count(b"\n")
                 byte = error.object[error.start]
-                raise FormatError(
-                    self.path,
-                    f"line {line}: byte 0x{byte:02x} is not {self.encoding.upper()} text",
-                    hint="save it as UTF-8, for instance with `iconv -f LATIN1 -t UTF-8`",
-                ) from error
+                what = f"line {line}: byte 0x{byte:02x} is not {self.encoding.upper()} text"
+                hint = "save it as UTF-8, for instance with `iconv -f LATIN1 -t UTF-8`"
+                raise FormatError(self.path, what, hint=hint) from error
         if b"\0" in data:
             self.nul_bytes += data.count(b"\0")
             data = data.replace(b"\0", b"")

@@ -172,16 +172,9 @@ def qml(column: str, values: NDArray[np.float64], kind: str) -> str | None:
     if not ranges:
         return None
     root = ET.Element("qgis", version="3.22.0", styleCategories="Symbology")
-    renderer = ET.SubElement(
-        root,
-        "renderer-v2",
-        type="graduatedSymbol",
-        attr=column,
-        graduatedMethod="GraduatedColor",
-        symbollevels="0",
-        enableorderby="0",
-        forceraster="0",
-    )
+    how = {"type": "graduatedSymbol", "attr": column, "graduatedMethod": "GraduatedColor"}
+    how |= {"symbollevels": "0", "enableorderby": "0", "forceraster": "0"}
+    renderer = ET.SubElement(root, "renderer-v2", how)
     above, symbols = ET.SubElement(renderer, "ranges"), ET.SubElement(renderer, "symbols")
     shades = np.linspace(0, len(COLOURS) - 1, len(ranges)).round().astype(int)
     for place, ((lower, upper), shade) in enumerate(zip(ranges, shades, strict=True)):

@@ -98,11 +98,8 @@ class Reading:
         """Refuse an element that no message had."""
         for request in self._absent.values() if self._done else ():
             elements = next(field.elements for field in self.stream.fields if field.name == request.field)
-            raise FormatError(
-                self.path,
-                f"{self.topic}: no message has the element {request.key!r} of {request.field}",
-                hint=nearest(str(request.key), elements, "elements"),
-            )
+            what = f"{self.topic}: no message has the element {request.key!r} of {request.field}"
+            raise FormatError(self.path, what, hint=nearest(str(request.key), elements, "elements"))
 
     def _batch(self, columns: list[Values]) -> Batch:
         clock, *values, stamps = columns
@@ -116,11 +113,9 @@ class Reading:
         try:
             found = self.decoders[place].columns(messages, self._requests)
         except UndecodableError as error:
-            raise DamagedError(
-                self.path,
-                f"{self.topic}: message {numbers[error.row]} does not fit its definition ({error})",
-                hint="the recording is damaged there, or its definition is not the one it was written with",
-            ) from error
+            what = f"{self.topic}: message {numbers[error.row]} does not fit its definition ({error})"
+            hint = "the recording is damaged there, or its definition is not the one it was written with"
+            raise DamagedError(self.path, what, hint=hint) from error
         for request, (_, present) in zip(self._requests, found, strict=True):
             if present:
                 self._absent.pop(request.asked, None)

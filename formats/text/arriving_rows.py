@@ -199,14 +199,10 @@ class ArrivingRows(Source):
 
     def faults(self) -> list[str]:
         kinds = {"number": "no number", "time": "no time"}
-        return [
-            *(f"rows {what}, passed over: {count}" for what, count in self.odd.items() if count),
-            *(
-                f"cells of {name} with {kinds[self._kinds[name]]} in them: {count}"
-                for name, count in self.cells.items()
-                if count
-            ),
-        ]
+        rows = [f"rows {what}, passed over: {count}" for what, count in self.odd.items() if count]
+        cells = {name: count for name, count in self.cells.items() if count}
+        odd = [f"cells of {name} with {kinds[self._kinds[name]]} in them: {n}" for name, n in cells.items()]
+        return [*rows, *odd]
 
 
 def _object(line: str) -> dict[str, str] | None:

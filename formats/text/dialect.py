@@ -108,11 +108,9 @@ def _split(path: str, lines: list[str], first: int, delimiter: str) -> tuple[lis
         names = [cell.strip() for cell in split_line(comment.lstrip("#").strip(), delimiter)]
         if comment.startswith("#") and len(names) == len(header):
             return names, first, [header, *rows]
-        raise FormatError(
-            path,
-            f"line {first + 1} holds values where the names of the columns should be",
-            hint="put a line with the names of the columns first, such as time,load,torque,sinkage,slip",
-        )
+        what = f"line {first + 1} holds values where the names of the columns should be"
+        hint = "put a line with the names of the columns first, such as time,load,torque,sinkage,slip"
+        raise FormatError(path, what, hint=hint)
     if not rows:
         raise FormatError(path, "has a header but no rows")
     return header, begin, rows
@@ -160,8 +158,6 @@ def _refuse_units_row(
     # A column without dimension has nothing or a 1 there.
     if words and all(kind_of([unit], decimal) != "number" or unit == "1" for _, unit in units):
         name, unit = words[0]
-        raise FormatError(
-            path,
-            f"line {line} holds no numbers ({unit!r} under {name!r}): units in a row of their own?",
-            hint=f"put the units into the header ({name} [{unit}]) and take the row out",
-        )
+        what = f"line {line} holds no numbers ({unit!r} under {name!r}): units in a row of their own?"
+        hint = f"put the units into the header ({name} [{unit}]) and take the row out"
+        raise FormatError(path, what, hint=hint)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict, deque
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from formats.errors import NotFoundError
 from formats.recovery import told
@@ -271,16 +271,9 @@ class Keeper:
         for entry in list(self._folder.latest.values()):
             if entry.status == "ok" and (str(entry.sha256), entry.configuration) not in self._folder.kept:
                 text = f"{entry.path}: what was kept of it is damaged"
-                failed = replace(
-                    entry,
-                    status="failed",
-                    error_class="DamagedError",
-                    error=text,
-                    hint="give it as an input again",
-                    exit_code=65,
-                    passing=True,
-                    record=None,
-                )
+                damaged = {"error_class": "DamagedError", "error": text, "hint": "give it as an input again"}
+                why: dict[str, Any] = {**damaged, "status": "failed", "exit_code": 65, "passing": True}
+                failed = replace(entry, **why, record=None)
                 self._folder.add(failed)
                 self.tally.failures[entry.location] = failed
 

@@ -290,11 +290,7 @@ def decode(record: bytes, path: str) -> tuple[Table, WindowEstimates, dict[str, 
         for name, values in own.items()
         if not name.startswith(_SI)
     }
-    estimates = WindowEstimates(
-        **{
-            name.removeprefix(_SI): values.astype(str) if values.dtype == object else values
-            for name, values in own.items()
-            if name.startswith(_SI)
-        }
-    )
+    si = {name.removeprefix(_SI): values for name, values in own.items() if name.startswith(_SI)}
+    texts = {name: values.astype(str) for name, values in si.items() if values.dtype == object}
+    estimates = WindowEstimates(**{**si, **texts})
     return table, estimates, {"source": path, **json.loads(batch.schema.metadata[_ACCOUNT])}

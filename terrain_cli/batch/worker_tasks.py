@@ -279,13 +279,9 @@ def failure(error: BaseException, path: str = "", label: str = "") -> Failure:
     """Say why a task failed, and name the input not by `path` but by its `label`."""
     name = type(error).__name__
     if _memory_was_short(error):
-        return Failure(
-            "MemoryError",
-            f"{label}: out of memory" if label else "out of memory",
-            "run again with fewer --jobs or more --memory, or cut the input into smaller files",
-            1,
-            passing=True,
-        )
+        what = f"{label}: out of memory" if label else "out of memory"
+        hint = "run again with fewer --jobs or more --memory, or cut the input into smaller files"
+        return Failure("MemoryError", what, hint, 1, passing=True)
     path = shown(path)
     text = str(error).replace(path, label) if path else str(error)
     if isinstance(error, TerrainError | FormatError):

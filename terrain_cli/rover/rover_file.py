@@ -169,12 +169,9 @@ def _noise(channel: str) -> Rule:
         amounts = [name for name in ("absolute", "offset") if name in values]
         if amounts and "unit" not in values and CHANNELS[channel].dimension != "ratio":
             raise ConfigurationError(f"{place}: unit of {amounts[0]} is missing", hint=unit_hint(channel))
-        return SensorNoise(
-            values.get("relative", 0.0),
-            values.get("absolute", 0.0) * factor,
-            values.get("offset", 0.0) * factor,
-            known=bool({"relative", "absolute"} & values.keys()),
-        )
+        relative, absolute, offset = (values.get(name, 0.0) for name in ("relative", "absolute", "offset"))
+        known = bool({"relative", "absolute"} & values.keys())
+        return SensorNoise(relative, absolute * factor, offset * factor, known=known)
 
     return rule
 
@@ -237,14 +234,9 @@ _VEHICLE = table(
         "bogie_pivot": vector(2, "[x, z]", _REACH),
     }
 )
-_NOISE = table(
-    {
-        "relative": number("a share from 0 to 1", 0.0, 1.0),
-        "absolute": number("a number from 0 to 1e20", 0.0, 1e20),
-        "offset": number("a number from 0 to 1e20", 0.0, 1e20),
-        "unit": text,
-    }
-)
+_AMOUNT = number("a number from 0 to 1e20", 0.0, 1e20)
+_SHARE = number("a share from 0 to 1", 0.0, 1.0)
+_NOISE = table({"relative": _SHARE, "absolute": _AMOUNT, "offset": _AMOUNT, "unit": text})
 _ENTRY = table(
     {
         "topic": text,

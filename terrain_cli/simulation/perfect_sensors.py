@@ -189,11 +189,9 @@ class Physics:
 
     def _refuse(self, known: dict[str, Array], sample: int) -> None:
         soil = self.scenario.soils[int(known["soil"][sample])]
-        raise InputError(
-            f"{soil.name} does not carry {known['load'][sample]:.3g} N at slip {known['slip'][sample]:.2f}: "
-            "the wheel sinks to its axle",
-            hint="give a smaller --load, a wider wheel, less slip or another soil",
-        )
+        felt = f"{known['load'][sample]:.3g} N at slip {known['slip'][sample]:.2f}"
+        hint = "give a smaller --load, a wider wheel, less slip or another soil"
+        raise InputError(f"{soil.name} does not carry {felt}: the wheel sinks to its axle", hint=hint)
 
     def _solve(
         self, quantity: str, felt: Array, known: Mapping[str, Any], values: Mapping[str, Array]

@@ -200,11 +200,9 @@ def settle(effect: Effect, given: Mapping[str, float], place: str) -> Chosen:
             raise ConfigurationError(f"{place}: {what}", hint=f"it has {', '.join(known)}")
         bounds = known[parameter]
         if not bounds.lower <= value <= bounds.upper:
-            raise ConfigurationError(
-                f"{place}: {parameter} of {effect.id} must be from {bounds.lower:g} to {bounds.upper:g} "
-                f"{bounds.unit if bounds.unit != '1' else ''}".rstrip()
-                + f", not {value:g}"
-            )
+            unit = f" {bounds.unit}" if bounds.unit != "1" else ""
+            what = f"{parameter} of {effect.id} must be from {bounds.lower:g} to {bounds.upper:g}{unit}"
+            raise ConfigurationError(f"{place}: {what}, not {value:g}")
     return Chosen(effect, {n: given.get(n, typical(p, effect.qualified(p))) for n, p in known.items()})
 
 
@@ -292,13 +290,9 @@ class Profile:
 def profile_rule(what: str, low: float, high: float) -> Rule:
     """Return the rule for a `Profile` with values within bounds, which `what` says in words."""
     number = toml_files.number(what, low, high)
-    swing = toml_files.table(
-        {
-            "mean": number,
-            "swing": toml_files.number("a number, at least 0", 0.0),
-            "period": toml_files.number("a positive number of seconds", toml_files.ABOVE_ZERO),
-        }
-    )
+    size = toml_files.number("a number, at least 0", 0.0)
+    seconds = toml_files.number("a positive number of seconds", toml_files.ABOVE_ZERO)
+    swing = toml_files.table({"mean": number, "swing": size, "period": seconds})
     steps = toml_files.table({"steps": toml_files.several(number)})
 
     def rule(value: Any, place: str) -> Profile:

@@ -176,14 +176,9 @@ def document(log: SimulatedLog) -> dict[str, Any]:
 
 
 def _effect(chosen: Any) -> dict[str, Any]:
-    return {
-        "effect": chosen.effect.id,
-        "title": chosen.effect.title,
-        "hidden": chosen.hidden,
-        "parameters": {
-            p.name: {"value": chosen.values[p.name], "unit": p.unit} for p in chosen.effect.parameters
-        },
-    }
+    parameters = {p.name: {"value": chosen.values[p.name], "unit": p.unit} for p in chosen.effect.parameters}
+    told = {"effect": chosen.effect.id, "title": chosen.effect.title, "hidden": chosen.hidden}
+    return {**told, "parameters": parameters}
 
 
 def _plain(column: Any) -> list[Any]:

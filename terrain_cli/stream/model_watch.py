@@ -181,11 +181,9 @@ class SegmentWatch:
         alarms = []
         for first in range(0, len(samples), self.size):
             rows = slice(first, first + self.size)
-            alarms += self._step(
-                {name: residual[name][rows] for name in self.compared},
-                {name: design[name][rows] for name in self.compared},
-                0.0 if samples.time is None else float(samples.time[first]),
-            )
+            time = 0.0 if samples.time is None else float(samples.time[first])
+            error, by = ({name: own[name][rows] for name in self.compared} for own in (residual, design))
+            alarms += self._step(error, by, time)
         return alarms
 
     def _step(

@@ -111,14 +111,9 @@ def check(request: Request, raws: Sequence[Raw]) -> None:
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if request.compared:
         # A model predicts what is there: any one of these will do.
-        lacks = {
-            raw.wheel: [
-                lack
-                for lack in lacks[raw.wheel]
-                if lack.what not in PREDICTED or raw.channels.keys().isdisjoint(PREDICTED)
-            ]
-            for raw in raws
-        }
+        for raw in raws:
+            measured = not raw.channels.keys().isdisjoint(PREDICTED)
+            lacks[raw.wheel] = [k for k in lacks[raw.wheel] if not (measured and k.what in PREDICTED)]
     if any(lacks.values()):
         raise _cannot_give(layout, lacks, rover)
     lacks = {raw.wheel: effect_inputs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}
@@ -165,13 +160,8 @@ def assemble(
         raw.channels, raw.time, radius, width, skids=effects is not None
     )
     gap = usable_samples.longest_gap(raw.time, reasons, rover.max_gap) if raw.time is not None else 0.0
-    stretch = usable_samples.stretches(
-        raw.time,
-        reasons,
-        runs=raw.labels.get("run") if raw.time is not None else None,
-        restarts=restarts,
-        max_gap=gap,
-    )
+    runs = raw.labels.get("run") if raw.time is not None else None
+    stretch = usable_samples.stretches(raw.time, reasons, runs=runs, restarts=restarts, max_gap=gap)
     drivers = effect_inputs.drivers(raw, geometry, np.flatnonzero(reasons.codes < 0), stretch, effects or ())
     for name, values in drivers.items():
         reasons = usable_samples.also_aside(reasons, f"no {name}", ~np.isfinite(values))
@@ -212,14 +202,9 @@ def _check_clock(source: Source, raw: Raw, radius: float) -> None:
         # Time and velocity make the length of the track, however far apart the samples are.
         speed = None if (driven < plausibility.MOST_DISTANCE * track).all() else speed
     header = feed.fields[0]
-    alignment.check_unit_of_time(
-        source.path,
-        header,
-        raw.time + raw.origin,
-        speed=speed,
-        radius=radius,
-        stated=feed.unit is not CHANNELS["time"].unit or stated_unit(header, "time") is not None,
-    )
+    stated = feed.unit is not CHANNELS["time"].unit or stated_unit(header, "time") is not None
+    time = raw.time + raw.origin
+    alignment.check_unit_of_time(source.path, header, time, speed=speed, radius=radius, stated=stated)
 
 
 def _distance(raw: Raw, max_gap: float) -> Array | None:

@@ -124,11 +124,8 @@ def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
         off = f"the log's clock is {lag:+.3f} s off the headers' stamps"
         remarks.append(f"{off}; topics without stamps were shifted by that")
     shifted = np.timedelta64(round(lag * 1e9), "ns")
-    firsts = [
-        (stamps[topic][0] if topic in stamps else log[0] - shifted).astype("datetime64[s]").astype(np.int64)
-        for topic, log in logged.items()
-        if len(log)
-    ]
+    begins = [stamps[t][0] if t in stamps else log[0] - shifted for t, log in logged.items() if len(log)]
+    firsts = [begin.astype("datetime64[s]").astype(np.int64) for begin in begins]
     return TopicClocks(float(min(firsts, default=0)), frozenset(stamps), shifted, tuple(remarks))
 
 

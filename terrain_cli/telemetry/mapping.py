@@ -187,12 +187,8 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
     name = (entry.field if topic else entry.column) or (next(iter(fields)) if len(fields) == 1 else "")
     if name not in fields:
         what = f"topic {topic} has no field" if topic else "there is no column"
-        raise ConfigurationError(
-            f"{entry.place}: {what} {name!r}{nearest(name, fields)}"
-            if name
-            else f"{entry.place}: add field = …",
-            hint=f"it has {', '.join(list(fields)[:20])}",
-        )
+        what = f"{what} {name!r}{nearest(name, fields)}" if name else "add field = …"
+        raise ConfigurationError(f"{entry.place}: {what}", hint=f"it has {', '.join(list(fields)[:20])}")
     path = _element(entry, fields[name], wheel)
     if own is None or entry.unit:
         return replace(base, topic=topic, fields=(path,))

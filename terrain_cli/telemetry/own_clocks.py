@@ -73,17 +73,12 @@ class OwnClocks:
                 continue
             gap = _INTERVALS * interval if max_gap is None else min(max_gap, _INTERVALS * interval)
             # Not across the bounds: in the next piece the clock may begin anew.
-            raw.channels[name] = np.concatenate(
-                [
-                    alignment.resample(
-                        time[rows[(rows >= a) & (rows < b)]],
-                        time[a:b][there[name][a:b]],
-                        channels[name][a:b][there[name][a:b]],
-                        gap,
-                    )
-                    for a, b in pairwise(bounds)
-                ]
-            )
+            pieces = []
+            for a, b in pairwise(bounds):
+                known = there[name][a:b]
+                clock = time[rows[(rows >= a) & (rows < b)]]
+                pieces.append(alignment.resample(clock, time[a:b][known], channels[name][a:b][known], gap))
+            raw.channels[name] = np.concatenate(pieces)
             if name in counted:
                 interpolated |= ~there[name][rows] & ~np.isnan(raw.channels[name])
         return interpolated & there[self.slowest][rows]

@@ -131,11 +131,9 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
         loads = derived_channels.wheel_loads(channels["pitch"], roll, rover.vehicle, list(positions.values()))
         channels["load"] = loads[:, list(positions).index(wheel.name)]
     if "torque" in derived and wheel.motor:
+        current, temperature = channels["motor_current"], channels.get("motor_temperature")
         channels["torque"] = derived_channels.torque_from_current(
-            channels["motor_current"],
-            wheel.motor,
-            temperature=channels.get("motor_temperature"),
-            angular_velocity=channels.get("angular_velocity"),
+            current, wheel.motor, temperature=temperature, angular_velocity=channels.get("angular_velocity")
         )
     if "sinkage" in derived:
         # Beyond half a turn the cosine would make any depth of it.

@@ -217,11 +217,9 @@ def pull(e: UnitEvidence) -> Suspicion | None:
         return None
     force, torque, *others = found
     bounds = np.linspace(0, len(force), BLOCKS + 1).astype(int)
-    times = [
-        _changes(force[a:b], torque[a:b] / e.geometry.radius, [column[a:b] for column in others])
-        for a, b in pairwise(bounds)
-        if b - a >= FEWEST
-    ]
+    parts = [slice(a, b) for a, b in pairwise(bounds) if b - a >= FEWEST]
+    rim = torque / e.geometry.radius
+    times = [_changes(force[part], rim[part], [column[part] for column in others]) for part in parts]
     known = [value for value in times if value is not None]
     if len(known) < max(1.0, BLOCKS / 2):
         return None

@@ -164,16 +164,9 @@ def _locate(
         if (times < firsts).any():
             raise ValueError("a message is earlier than its chunk")
         run.setdefault(connection, []).append(Messages(b"", starts, sizes, times, ranks * ORDER + places))
-    return {
-        connection: Messages(
-            buffer,
-            *(
-                np.concatenate([getattr(part, name) for part in parts])
-                for name in ("starts", "sizes", "times", "order")
-            ),
-        ).sorted()
-        for connection, parts in run.items()
-    }
+    names = ("starts", "sizes", "times", "order")
+    joint = {c: [[getattr(part, name) for part in parts] for name in names] for c, parts in run.items()}
+    return {c: Messages(buffer, *map(np.concatenate, columns)).sorted() for c, columns in joint.items()}
 
 
 def _entries(

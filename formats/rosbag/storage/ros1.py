@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
     from numpy.typing import NDArray
-    from rosbags.rosbag1.reader import Chunk as ReadChunk
 
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Index
@@ -30,10 +29,8 @@ _SECOND = 1_000_000_000
 #: Names and sizes of what the header of a message holds, in any order.
 _FIELDS = {b"op": 1, b"conn": 4, b"time": 8}
 
-#: In place of those of rosbags, which unpack without bounds: a few bytes would become gigabytes.
-_BOUNDED = {
-    theirs: partial(unpack, packing=packing) for packing, theirs in decompressors.items() if packing != "none"
-}
+# Those of rosbags unpack without bounds: a few bytes would become gigabytes.
+decompressors.update({name: partial(unpack, packing=name) for name in decompressors if name != "none"})
 
 
 class Ros1File(Reader):
@@ -51,10 +48,6 @@ class Ros1File(Reader):
         self._counts: dict[int, int] = {}
         super().open()
         self.connections = [c._replace(msgcount=self._counts.get(c.id, 0)) for c in self.connections]
-
-    def read_chunk(self) -> ReadChunk:
-        chunk = super().read_chunk()
-        return chunk._replace(decompressor=_BOUNDED.get(chunk.decompressor, chunk.decompressor))
 
     def read_index_data(self, pos: int, indexes: Unused) -> None:  # noqa: ARG002 - as rosbags calls it
         """Note where the index of one connection in one chunk stands."""
@@ -112,11 +105,9 @@ class Ros1File(Reader):
             places = _fields(buffer[first : first + int(length)])
             if places is not None:
                 heads = _heads(buffer, records[rows], int(length), places)
-                known[rows] = (
-                    (heads["op"] == RecordType.MSGDATA)
-                    & (heads["conn"] == connection)
-                    & (heads["sec"].astype(np.int64) * _SECOND + heads["nsec"] == times[rows])
-                )
+                at = heads["sec"].astype(np.int64) * _SECOND + heads["nsec"]
+                right = (heads["op"] == RecordType.MSGDATA) & (heads["conn"] == connection)
+                known[rows] = right & (at == times[rows])
         data = records + 4 + lengths
         for row in np.flatnonzero(~known):
             data[row] = _data_of(buffer, int(records[row]), connection, int(times[row]))
@@ -144,14 +135,9 @@ def _fields(header: bytes) -> dict[bytes, int] | None:
 def _heads(buffer: bytes, records: Index, length: int, places: Mapping[bytes, int]) -> NDArray[Any]:
     """Return the headers of messages of which all have this length and these places of fields."""
     begins = [4 + places[name] for name in (b"op", b"conn", b"time")]
-    layout = np.dtype(
-        {
-            "names": ["op", "conn", "sec", "nsec"],
-            "formats": ["u1", "<u4", "<u4", "<u4"],
-            "offsets": [*begins, begins[-1] + 4],
-            "itemsize": 4 + length,
-        }
-    )
+    begins.append(begins[-1] + 4)
+    kinds: Any = {"names": ["op", "conn", "sec", "nsec"], "formats": ["u1", "<u4", "<u4", "<u4"]}
+    layout = np.dtype(kinds | {"offsets": begins, "itemsize": 4 + length})
     return parts_at(buffer, records, layout.itemsize).view(layout)
 
 

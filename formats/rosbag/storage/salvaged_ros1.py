@@ -307,13 +307,9 @@ def _note(told: Told, record: _BagRecord, content: bytes, *, vouched: bool) -> N
     about = _fields_of(content)
     if not topic or b"type" not in about:
         raise BrokenRecordError(f"the description of connection {number}")
-    kept = (
-        normalize(topic),
-        normalize_msgtype(about[b"type"].decode()),
-        about.get(b"md5sum", b"").decode(),
-        about.get(b"message_definition", b"").decode(),
-        about.get(b"callerid", b"").decode() or None,
-    )
+    keys = (b"type", b"md5sum", b"message_definition", b"callerid")
+    kind, digest, definition, caller = (about.get(key, b"").decode() for key in keys)
+    kept = normalize(topic), normalize_msgtype(kind), digest, definition, caller or None
     join_told(told, {(_CONNECTION, number): [(vouched, kept)]})
 
 
