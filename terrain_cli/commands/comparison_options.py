@@ -84,11 +84,7 @@ def read(
     progress: Progress,
     inputs: Sequence[str] | None = None,
 ) -> list[Windows]:
-    """Read every input, with all that the models need, and cut it into windows.
-
-    The context is of a verb with `cutting`, inputs, --rover and --wheel; where it has --keep-aside, samples
-    are marked. InputError where no sample can be used.
-    """
+    """Read every input with all that the models need, cut it, and mark what --keep-aside hides."""
     import formats
     from terrain_cli import processes
     from terrain_cli.comparison import kept_aside

@@ -49,11 +49,7 @@ def fitted(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Compare a model file with the joined windows of some wheels of one rover, on the blocks of `like`.
-
-    `soils` are of the same windows and file; without options if not given. Effects that the model does not
-    have are scored where that is asked for.
-    """
+    """Compare a model file with joined windows of wheels of one rover, on the blocks of `like`."""
     settings = FitSettings.of(wheels, file)
     missing = alarm.missing_effects(file)
     further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
@@ -85,11 +81,7 @@ def tried(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Step:
-    """Fit a model without and with a change, and compare both on blocks left out of the fit.
-
-    `first` is the comparison of the model before with the same windows, if it is there already. The step is
-    not kept yet.
-    """
+    """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out."""
     parts, wheels = wheels, joined(wheels, before, after)
     if first is None:
         first = fitted(wheels, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
@@ -229,10 +221,7 @@ def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) 
 
 
 def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:
-    """Return the p-value of all parameters of some effects being at their null values.
-
-    NaN where they have none that is estimated, or one is held at another value.
-    """
+    """Return the p-value of some effects being absent; NaN where none is estimated, or one held elsewhere."""
     held = {name: own.null for name, own in file.model.parameters.items() if name in file.fixed}
     if any(name.partition(".")[0] in changed and file.fixed[name] != null for name, null in held.items()):
         return np.nan

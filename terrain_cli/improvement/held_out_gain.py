@@ -67,10 +67,7 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
 
 
 def _sums(first: Comparison, second: Comparison, names: list[str]) -> tuple[Array, float]:
-    """Sum up block by block, and return the share of samples that are not predicted any more.
-
-    The sums have shape (blocks, channels, 3): squares before, squares after, and samples.
-    """
+    """Sum squares before, after, and samples, (blocks, channels, 3); and the share not predicted any more."""
     count = 1 + max(int(wheel.blocks.max(initial=0)) for wheel in first.wheels)
     sums = np.zeros((count, len(names), 3))
     predicted = missing = 0

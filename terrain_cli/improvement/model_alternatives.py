@@ -33,12 +33,7 @@ def alternatives(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Alternative]:
-    """Fit a model without its later effects, and with each of the effects that its scores name.
-
-    `own` is the comparison of `file`, on whose windows and blocks the others are judged. From the base to
-    `file`, effect by effect, then with one more effect of so many `candidates` at most, the highest score
-    first; with none where chance explains the scores.
-    """
+    """Fit a model effect by effect, on the blocks of `own`, and with each further one that scores name."""
     modulus = wheels[0].samples.geometry.shear_modulus
 
     def compared(label: str, other: ModelFile) -> Alternative:

@@ -76,10 +76,7 @@ def made_by(file: ModelFile, shear_modulus: float) -> list[Assumption]:
 
 
 def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
-    """Return a model without an assumption.
-
-    A k that only the base linear holds, not the file, is estimated by wong-reece.
-    """
+    """Return a model without an assumption; a k that only the base linear holds is then estimated."""
     _check(name)
     held = _held(file, shear_modulus)
     if name == STRESSES and file.model.base == "linear":
@@ -160,11 +157,7 @@ def moved(file: ModelFile, path: Path) -> ModelFile:
 
 
 def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Changed:
-    """Add effects, or lift assumptions of the base.
-
-    `names` are ids of the catalogue or of assumptions, or paths of effect files that begin in the folder of
-    the model file. `shear_modulus` is the k of rover.toml in m.
-    """
+    """Add effects, by id or by path from the folder of the model file, or lift assumptions of the base."""
     # A base without its assumptions may take effects that it does not take with them. That of k comes
     # first: with the full stresses k is no longer assumed.
     for name in [*ASSUMPTIONS][::-1]:

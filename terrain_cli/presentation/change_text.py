@@ -162,10 +162,7 @@ def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:
 
 
 def _change(step: Step) -> dict[str, Any]:
-    """Return what a change did to the errors, with the keys of docs/model.md.
-
-    Parameters are in the units of the model file.
-    """
+    """Return what a change did to the errors, by the keys of docs/model.md, in units of the model file."""
     return {
         "format": FORMAT,
         "action": step.action,

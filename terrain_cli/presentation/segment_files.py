@@ -146,11 +146,7 @@ def check(output: str | None, samples: str | None = None, crs: str | None = None
 def write(
     table: Table, output: str | None, crs: str | None, samples: tuple[Table, str] | None = None
 ) -> None:
-    """Write segments, and samples if there are any, the segments last: what reads them may stop early.
-
-    The `output` "-" is the standard output, None nothing. Samples go into the GeoPackage of the segments as
-    its second layer, if it is the same file.
-    """
+    """Write samples if there are any, and segments last: what reads them may stop early. None is nothing."""
     both = samples is not None and output is not None and together(output, samples[1])
     if samples and not both:
         formats.write_table(samples[0], samples[1], crs=crs, layer="samples", graduated=STYLES)

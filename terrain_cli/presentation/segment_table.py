@@ -128,10 +128,7 @@ def _terrain(windows: Windows) -> list[str]:
 
 
 def _rejected(windows: Windows) -> Index:
-    """Count the samples set aside, each with the window before it (the first also those ahead of it).
-
-    So that used and rejected samples of all windows add up to the samples read.
-    """
+    """Count the samples set aside, each with the window before it, so that used and rejected ones add up."""
     codes = windows.samples.set_aside.codes
     if not (codes >= 0).any():
         return np.zeros(len(windows), dtype=np.intp)
@@ -162,11 +159,7 @@ def _tracks(windows: Windows) -> list[str]:
 
 
 def reference_system(table: Table, crs: str | None) -> str | None:
-    """Return the reference system of a table's geometry.
-
-    None for a site frame, which stays one whatever is asked for: its x and y are no longitudes. WGS 84 for
-    longitudes of which nothing else is said.
-    """
+    """Return the reference system of a geometry; None for a site frame, whose x and y are no longitudes."""
     return (crs or "EPSG:4326") if np.isfinite(table["longitude_deg"]).any() else None
 
 
@@ -183,11 +176,7 @@ def wkt(points: Array) -> str:
 
 
 def join(tables: Sequence[Table]) -> Table:
-    """Put the rows of several wheels and inputs under one another.
-
-    One reference system holds for all geometry: where some have longitudes and latitudes, tracks in x and y
-    of a site frame are left out.
-    """
+    """Put rows under one another; beside longitudes, tracks in x and y of a site frame are left out."""
     if len(tables) == 1:
         # The rows of a long log with short windows take gigabytes.
         return tables[0]
@@ -269,10 +258,7 @@ def trace(windows: Windows) -> Table:
 
 
 def posterior_table(windows: Windows, estimates: WindowEstimates, joint: Sequence[JointPosterior]) -> Table:
-    """Return the joint posteriors of one wheel: rows of the kind "grid", then of the kind "parameter".
-
-    `log_posterior` is 0 where it is greatest, `probability` that of the cell; NaN or "" where a row has none.
-    """
+    """Return the joint posteriors of one wheel: rows of the kind "grid", then of the kind "parameter"."""
 
     def rows(kind: str, window: int, columns: Table) -> Table:
         n = len(next(iter(columns.values()), ()))

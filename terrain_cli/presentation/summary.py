@@ -25,11 +25,7 @@ COLUMNS = ("terrain", "wheel", "distance_m", "n_samples", "n_rejected")
 def document(
     table: Table, estimates: WindowEstimates, accounts: Sequence[dict[str, Any]], settings: dict[str, Any]
 ) -> dict[str, Any]:
-    """Summarise the segments of one or more inputs, of whose table `COLUMNS` are enough.
-
-    Means and spreads are over the windows that tell c from φ; `pooled` is over all windows of a terrain and
-    wheel.
-    """
+    """Summarise segments: means of windows that tell c from φ; `pooled` is of all of a terrain and wheel."""
     return {
         "format": FORMAT,
         "settings": settings,
@@ -101,10 +97,7 @@ def _degrees(angle: float) -> float | None:
 
 
 def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:
-    """Write a summary for a person; `verbose` says where each channel comes from.
-
-    Soils that nobody named are listed segment by segment: what is pooled over them belongs to none.
-    """
+    """Write a summary; segments of soils that nobody named are listed: what is pooled of them is no soil."""
     lines = []
     for entry in summary["inputs"]:
         for wheel in entry["wheels"]:

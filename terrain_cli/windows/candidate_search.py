@@ -61,11 +61,7 @@ class _Places(NamedTuple):
 
 
 class _Chunks:
-    """Costs of all windows within chunks of places, from which those least in sum are chosen.
-
-    Windows that begin or end at a seam may be shorter than the limits: they go on beyond it. `index`, shape
-    (size + 1, chunks), is from `_chunked`.
-    """
+    """Costs of all windows within chunks of places, from `_chunked`, and those least in sum."""
 
     def __init__(self, places: _Places, limits: Limits, index: Index) -> None:
         self._places, self._index = places, index
@@ -119,10 +115,7 @@ def _allowed(limits: Limits, samples: Index, n: int, a: Index, b: Index) -> Mask
 
 
 def _chunked(places: int, size: int) -> Index:
-    """Part so many places into chunks, shape (size + 1, chunks).
-
-    The last of a chunk is the first of the next, or repeated where there are no more.
-    """
+    """Part places into chunks, shape (size + 1, chunks): the last of one begins the next, or is repeated."""
     chunks = -(-(places - 1) // size)
     index = np.arange(size + 1)[:, None] + size * np.arange(chunks)
     return np.asarray(np.minimum(index, places - 1))

@@ -59,10 +59,7 @@ _RIDGE = 1e-10
 
 
 def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
-    """Return one window for each stretch between breaks: samples before which a new run begins, or a gap is.
-
-    Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
-    """
+    """Return bounds of windows, 0 and n among them: one for each stretch between breaks."""
     at = np.asarray(breaks, dtype=np.intp)
     if at.size and (at.min() < 0 or at.max() > n):
         raise ValueError(f"breaks lie between 0 and {n}, not from {at.min()} to {at.max()}")
@@ -147,11 +144,7 @@ def _block_length(n: int, before: int) -> int:
 
 
 def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: Index) -> Bounds:
-    """Return the bounds that are needed whatever y follows of some drivers.
-
-    x and y are in Pa; drivers that are not known everywhere are passed over. The `fixed` bounds, breaks of
-    the series, stay.
-    """
+    """Return the bounds that are needed whatever y follows of known drivers; the `fixed` ones stay."""
     if len(np.setdiff1d(bounds[1:-1], fixed)) < _LEAST:
         return bounds
     scaled = [one for one in map(_standard, drivers) if one is not None]

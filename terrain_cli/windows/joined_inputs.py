@@ -24,11 +24,7 @@ _PAUSE = 1000.0
 
 
 def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
-    """Compute what effects use, where it is not there yet, of samples with every channel and further column.
-
-    Samples in which it is not known are set aside, as reading with the model does. InputError where an effect
-    needs what was not measured, or it is known in no sample.
-    """
+    """Compute what effects use and is not there yet; samples without it are set aside, as reading does."""
     samples = windows.samples
     new = [effect for effect in effects if not samples.drivers.keys() >= {*effect.reads}]
     if not new:
@@ -55,11 +51,7 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
 
 
 def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:
-    """Join what was measured, with every channel, of the same wheel in several inputs.
-
-    One for each wheel and geometry, of which tables of test points and logs are kept apart; each input has
-    runs of its own. What effects need is computed, as far as the channels allow.
-    """
+    """Join inputs of the same wheel and geometry, tables of test points apart, with what effects need."""
     effects = list(effects)
     parts: dict[tuple[object, ...], list[Windows]] = {}
     for known in with_inputs(several, effects):

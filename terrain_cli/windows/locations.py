@@ -65,11 +65,7 @@ class Places:
 
 
 def load(path: str, crs: str | None = None) -> Places:
-    """Read a localisation table, CSV or Parquet; `crs` is that of its longitudes and latitudes.
-
-    Columns are known by their names: those of the channels time, longitude, latitude, x and y with their
-    aliases and units, site, drive and pose, and those of PLACES.
-    """
+    """Read a localisation table, CSV or Parquet; `crs` is that of its longitudes and latitudes."""
     source = formats.open_source(path)
     if not is_table(source):
         raise InputError(f"{path}: a localisation table is CSV or Parquet", hint=_HINT)
@@ -147,10 +143,7 @@ def _of_rover(columns: Mapping[str, Column], frame: str | None) -> Mask | slice:
 
 
 def _latitude(path: str, latitudes: Mapping[str, Array], crs: str | None) -> Array:
-    """Return latitudes as a reference system counts them.
-
-    From the centre, φ', or by the plumb line of the ellipsoid, φ: tan φ' = (b/a)² tan φ.
-    """
+    """Return latitudes from the centre, φ', or by the plumb line, φ, as asked: tan φ' = (b/a)² tan φ."""
     if crs is None:
         raise UsageError(
             f"{path} has {next(iter(latitudes))}, and without --crs all longitudes are the Earth's",
@@ -193,11 +186,7 @@ class Placed(NamedTuple):
 
 
 def locate(samples: Samples, places: Places) -> Placed:
-    """Give samples the positions of a localisation table, in place of any of their own.
-
-    They are NaN where the table does not tell; remarks say what became of the samples. InputError where table
-    and log have nothing in common to be compared by.
-    """
+    """Give samples the positions of a table, NaN where it tells none; InputError if nothing is in common."""
     counter = {name.casefold(): values for name, values in samples.drivers.items() if name.casefold() in KEYS}
     common = [name for name in KEYS if name in places.keys and name in counter]
     if {"site", "drive"} <= set(common):

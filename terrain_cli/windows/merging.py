@@ -174,11 +174,7 @@ class Refinement:
         return np.asarray((last_b == b) & near)
 
     def _best_between(self, a: Index, low: Index, high: Index, c: Index) -> tuple[Index, Array]:
-        """Return where from low to high it is best to cut [a, c), and the misfit of the two windows.
-
-        On the grid of blocks, within a block of the best on a finer one if blocks are long, and then
-        at any sample.
-        """
+        """Return where to cut [a, c) best, by blocks, then finer, then at any sample; and the misfit."""
         ends = self._before(a)[:, :, None], self._before(c)[:, :, None]
         moments, step = self._moments, self._moments.step
         block = -(-low // step)[:, None] + np.arange(int((high - low).max()) // step + 1)

@@ -52,10 +52,7 @@ class OnlineCuts:
         self._seen: Index = np.empty(0, dtype=np.intp)
 
     def add(self, columns: Array) -> list[int]:
-        """Take samples, rows as named above; return the places of the bounds that are final now.
-
-        What is told does not depend on how many samples come at once.
-        """
+        """Take samples, however many at once; return the places of the bounds that are final now."""
         told: list[int] = []
         while columns.shape[1]:
             due = self._due(columns[TIME])

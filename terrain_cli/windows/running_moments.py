@@ -48,12 +48,7 @@ LONG, FINE = 64, 8
 
 
 def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
-    """Replace wild samples, one or two in a row, by the median of five around them.
-
-    Of three or more. Returns the sums of x, y, x², xy and y² over blocks, shape (5, blocks), and the noise:
-    variance of x, covariance, variance of y, in Pa², shape (3, blocks). ValueError where a sample is not
-    finite.
-    """
+    """Replace wild samples by the median of five; return sums, (5, blocks), and noise in Pa², (3, blocks)."""
     n = len(samples)
     number = sample_blocks.sizes(n, step)
     rows = np.empty((sample_blocks.ROWS, len(number)))
@@ -78,10 +73,7 @@ def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
 def _measure(
     samples: ReplacedSamples, step: int, usual: Array, parts: Parts, out: Array
 ) -> tuple[Index, Array]:
-    """Fill in the rows of these blocks, one part after another in the same memory.
-
-    Returns which of their samples are wild, and the medians of x and y there.
-    """
+    """Fill in the rows of blocks, part by part in the same memory; return wild samples, and medians there."""
     spans = [sample_blocks.around(part, len(samples), step) for part in parts]
     room = np.empty((6, max(len(span) for span in spans) * step))
     far = []
@@ -184,13 +176,7 @@ def _dot(a: Array, b: Array) -> float:
 
 
 class RunningMoments:
-    """Moments of all windows of one stretch.
-
-    Sums are accumulated block by block; what ten million of them lose by cancellation is far below
-    `running_moments.FLOOR`. Windows may begin at any sample.
-
-    The noise is taken as constant over the `step` samples of a block.
-    """
+    """Moments of all windows of one stretch; ten million sums lose far less than `FLOOR` by cancellation."""
 
     def __init__(self, x: Array, y: Array, step: int) -> None:
         self.step = step
@@ -225,11 +211,7 @@ class RunningMoments:
         return np.asarray(total)
 
     def finer(self, block: Index) -> tuple[Index, Array]:
-        """Return bounds `FINE` samples apart from the beginning of blocks on, and the sums before each.
-
-        Blocks are of a multiple of `FINE` samples. What is beyond the end of the stretch means nothing.
-        Shapes (k, step / FINE) and (10, k, step / FINE).
-        """
+        """Return bounds `FINE` apart within blocks, (k, step / FINE), and the sums before each."""
         count = self.step // FINE
         x, y = self.samples.blocks(block, self.step).reshape(2, -1, FINE)
         powers = _powers(x, y).reshape(5, len(block), count)[:, :, :-1]
@@ -241,11 +223,7 @@ class RunningMoments:
         return block[:, None] * self.step + np.arange(0, self.step, FINE), rows.swapaxes(1, 2)
 
     def _weighted(self, block: Index, powers: Array, number: Index | Mask) -> Array:
-        """Return the weighted moments of parts of blocks, shape (10, ..., k).
-
-        `powers`, shape (5, ..., k), are sums over the parts of x, y, x², xy and y²; `number`, shape (..., k),
-        is their samples.
-        """
+        """Return weighted moments, (10, …, k), of parts of blocks, from sums of x, y, x², xy and y² there."""
         weight = self._weight[block]
         rows = np.empty((ROWS, *powers.shape[1:]))
         rows[W] = number * weight
@@ -256,10 +234,7 @@ class RunningMoments:
         return rows
 
     def around(self, sample: Index, reach: int) -> tuple[Index, Array]:
-        """Return every bound within reach of k samples, and the sums before it, shape (10, k, 2 reach + 1).
-
-        Beyond the ends of the stretch there are no samples: the sums are those at the end.
-        """
+        """Return every bound within reach of k samples, and the sums before it, (10, k, 2 reach + 1)."""
         begin = np.maximum(sample - reach, 0)
         place = begin[:, None] + np.arange(2 * reach)
         inside = place < len(self.samples)

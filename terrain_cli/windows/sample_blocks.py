@@ -137,10 +137,7 @@ def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Ar
 
 
 def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None) -> Array:
-    """Return the mean over blocks up to `REACH` samples away, near the ends over as many: (k, blocks).
-
-    `sums` are of each block, and `number` is how many values were summed there; `out` may be the sums.
-    """
+    """Return means over blocks up to `REACH` samples away, (k, blocks); `number` values are in each sum."""
     blocks, near = len(number), reach(step)
     width = min(2 * near + 1, blocks)
     inner = _running(sums, width) / _running(number, width)

@@ -104,11 +104,7 @@ _JOINT = re.compile(r"\s*/\s*|\s*[·*⋅∙]\s*|\s+(?!\))|\.(?=[A-Za-z])")
 
 
 def parse(text: str) -> Scale:
-    """Read a unit: symbols with powers, joined by spaces or dots, and divided by /.
-
-    Such as ``N s/rad``, ``kPa``, ``Pa/m^1.5``, ``%/K``, ``N/(m/s)``, ``Pa/m^n``; ``1`` or nothing for a plain
-    number. K and °C are both a step of one kelvin.
-    """
+    """Read a unit, such as ``N s/rad``, ``Pa/m^n`` or ``N/(m/s)``; K and °C are both a step of one kelvin."""
     return _UnitReader(text).unit()
 
 

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 
 class Law:
-    """A law read from a text: called with what it reads, it gives the changed quantity.
-
-    `factors` are what the further columns of the data are multiplied by to become SI.
-    """
+    """A law read from a text; `factors` make what it reads of further columns SI."""
 
     def __init__(self, text: str, factors: Mapping[str, float] | None = None) -> None:
         self.text, self.factors = text, dict(factors or {})

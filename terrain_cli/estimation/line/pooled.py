@@ -68,10 +68,7 @@ def recursive(
 
 
 class RecursiveLine:
-    """The same filter with the samples of one window coming one by one: it holds sums, and no sample.
-
-    Its state after any number of samples is that of `recursive` there.
-    """
+    """The same filter with the samples of one window coming one by one: it holds sums, and no sample."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -53,11 +53,7 @@ class Ridge:
 
 
 def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Array:
-    """Sum the squared errors of prediction of what is left out of each window, by δ, shape (17, w).
-
-    One of so many contiguous blocks, at least 2; without `folds` one sample, by the exact identity
-    residual/(1 − leverage).
-    """
+    """Sum the squared errors of what is left out, by δ, (17, w): of `folds` blocks, or of single samples."""
     design = _scaled(moments)
     if folds is None:
         return _leave_one_out(design, x, y, bounds)

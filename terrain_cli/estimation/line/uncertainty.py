@@ -106,10 +106,7 @@ def _significant(moments: WindowMoments, channel: int, *, correlated: bool) -> M
 
 
 def _unbiased(correlation: Array, count: Array) -> Array:
-    """Lag-1 autocorrelation with its small-sample bias −(1 + 3ρ)/n put back (Marriott & Pope 1954).
-
-    Nothing is left of x where a channel explains all of it; that is not correlated.
-    """
+    """Lag-1 autocorrelation without its bias −(1 + 3ρ)/n (Marriott & Pope 1954); 0 where x is explained."""
     unbiased = (count * correlation + 1.0) / np.maximum(count - 3.0, 1.0)
     return np.nan_to_num(np.clip(unbiased, 0.0, 1.0))
 
@@ -197,10 +194,7 @@ def _effective(moments: WindowMoments, line: Line) -> tuple[Array, Array, Array,
 
 
 def samples_per_independent(rho: Array, share: Array, count: Array) -> Array:
-    """Return how many samples make one independent one: 1 + 2 Σ (1 − k/n) a ρᵏ over lags k = 1 … n − 1.
-
-    ρ < 1 and the share a are of the autocorrelation a ρᵏ, all of shape (w,); between 1 and n/2.
-    """
+    """Return samples per independent one, 1 to n/2: 1 + 2 Σ (1 − k/n) a ρᵏ over lags k = 1 … n − 1."""
     total = rho / (1.0 - rho) - rho * (1.0 - rho**count) / (count * (1.0 - rho) ** 2)
     return np.asarray(np.clip(1.0 + 2.0 * share * total, 1.0, np.maximum(count / 2.0, 1.0)))
 

@@ -42,10 +42,7 @@ _APART = 0.18
 
 
 def predicted_measured(comparison: Comparison) -> Figure:
-    """Draw measured less predicted over the predicted value, a panel for each channel.
-
-    Not over the measured value: its noise is in the residual too, and would look like a failure.
-    """
+    """Draw residuals over the prediction: noise of what was measured, in both, would look like a failure."""
     shown = shown_samples.channels(comparison)
     wheels = [wheel.wheel for wheel in comparison.wheels]
     figure = Picture(figsize=(3.4 * len(shown), 3.9))

@@ -41,11 +41,7 @@ def write(
     asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Write the report of a comparison; `further` sections follow, if there is something in them.
-
-    A reader chooses between `models`, where there are several. The next command repeats what was asked of
-    which files.
-    """
+    """Write the report of a comparison; `further` sections follow, if there is something in them."""
     chart_style.need("report")
     text = page(comparison, models=models, further=further, asked=asked, progress=progress)
     with formats.replacing(str(path)) as temporary:
