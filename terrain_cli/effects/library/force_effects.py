@@ -14,7 +14,7 @@ _DENSITY = 1600.0
 
 
 def bearing_factors(tan_phi: Any) -> tuple[Any, Any, Any]:
-    """Bearing-capacity factors of Terzaghi under a rough footing; Nγ, of which he has a table, to a quarter."""
+    """Bearing-capacity factors of Terzaghi under a rough footing; Nγ, which he gives as a table, to 25 %."""
     tan_phi = np.maximum(tan_phi, 0.02)
     phi = np.arctan(tan_phi)
     n_q = np.exp((1.5 * np.pi - phi) * tan_phi) / (1.0 - np.sin(phi))
