@@ -80,8 +80,8 @@ def _measure(
     for part, span in zip(parts, spans, strict=True):
         x, y = samples.of_blocks(span, step)
         rows, place, limit = sample_blocks.summed(x, y, step, usual[0] / usual[1], room)
-        own = sample_blocks.as_index(np.searchsorted(span, part))
-        out[:, sample_blocks.as_index(part)] = rows[:, own]
+        own = np.searchsorted(span, part)
+        out[:, part] = rows[:, own]
         asked = np.zeros(len(span), dtype=bool)
         asked[own] = True
         mine = asked[place // step]

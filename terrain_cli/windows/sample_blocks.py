@@ -78,11 +78,6 @@ def is_run(block: Index) -> bool:
     return bool(block[-1] - block[0] == len(block) - 1)
 
 
-def as_index(block: Index) -> Index | slice:
-    """Return rising blocks as a slice where they are a run, which is copied faster."""
-    return slice(int(block[0]), int(block[-1]) + 1) if is_run(block) else block
-
-
 def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:
     """Sum what is to be known of the samples over blocks, and look for samples far from a neighbour.
 
@@ -192,34 +187,11 @@ class ReplacedSamples:
             found[:, replaced] = self._instead[:, nearest[replaced]]
         return found
 
-    def between(self, first: int, last: int) -> Array | tuple[Array, Array]:
-        """Return x and y of the samples from the first up to the last."""
-        begin, end = np.searchsorted(self._place, [first, last])
-        x, y = (values[first:last] for values in self._values)
-        if begin == end:
-            return x, y
-        found = np.stack([x, y])
-        found[:, self._place[begin:end] - first] = self._instead[:, begin:end]
-        return found
-
-    def of_blocks(self, block: Index, step: int) -> Array | tuple[Array, Array]:
+    def of_blocks(self, block: Index, step: int) -> Array:
         """Return x and y of the samples of rising blocks; the last block of all may be shorter."""
-        if is_run(block):
-            return self.between(int(block[0]) * step, min(int(block[-1] + 1) * step, len(self)))
-        behind = max(int(block[-1] + 1) * step - len(self), 0)
-        return self.blocks(block, step).reshape(2, -1)[:, : len(block) * step - behind]
+        place = (block[:, None] * step + np.arange(step)).ravel()
+        return self.at(place[place < len(self)])
 
     def blocks(self, block: Index, step: int) -> Array:
         """Return the samples of blocks of equal length, shape (2, k, step), as from `at`."""
-        found = np.empty((2, len(block), step))
-        whole = len(self) // step
-        # Rows are copied faster than single samples.
-        odd = np.searchsorted(self._place, block * step) < np.searchsorted(self._place, (block + 1) * step)
-        odd |= block >= whole
-        if whole:
-            for values, rows in zip(self._values, found, strict=True):
-                values[: whole * step].reshape(-1, step).take(block, axis=0, out=rows, mode="clip")
-        row = np.flatnonzero(odd)
-        if len(row):
-            found[:, row] = self.at(block[row, None] * step + np.arange(step))
-        return found
+        return self.at(block[:, None] * step + np.arange(step))

@@ -17,7 +17,7 @@ def noise_of(x, y, step=4):
 def tamed(x, y, step):
     """Return the samples with those that are wild replaced."""
     tame(found := ReplacedSamples(x, y), step)
-    return found.between(0, len(x))
+    return found.at(np.arange(len(x)))
 
 
 def samples(n=4000, seed=0, load=0.0):
