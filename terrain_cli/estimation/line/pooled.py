@@ -138,8 +138,7 @@ def _states(moments: WindowMoments, *, correlated: bool) -> tuple[Array, ...]:
 class PooledEstimate:
     """Estimate from windows of one soil, NaN where not known."""
 
-    windows: int = 0  # windows, separable: windows pooled, and those among them that tell c from φ
-    separable: int = 0
+    windows: int = 0  # Those pooled
     c: float = np.nan  # c, c_se, phi, phi_se, corr: Pa and rad, with the correlation of the errors of c and φ
     c_se: float = np.nan
     phi: float = np.nan
@@ -154,12 +153,6 @@ class PooledEstimate:
     # windows' own errors, Pa and rad
     strength_between: float = np.nan
     phi_between: float = np.nan
-    # c_mean, c_spread, phi_mean, phi_spread: plain mean and standard deviation over the separable windows, Pa
-    # and rad
-    c_mean: float = np.nan
-    c_spread: float = np.nan
-    phi_mean: float = np.nan
-    phi_spread: float = np.nan
 
     def strength_at(self, stress: float) -> tuple[float, float]:
         """Return the strength under a normal stress and its standard error, all in Pa."""
@@ -195,11 +188,6 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     # Of estimates without error the correlation is not known, nor needed.
     columns[4, columns[1] == 0.0] = 0.0
     used = np.isfinite(columns).all(axis=0) & (status != "too-few-samples")
-    separable = used & estimates.separable[chosen]
-    plain = (
-        *_mean_and_spread(estimates.c[chosen][separable]),
-        *_mean_and_spread(estimates.phi[chosen][separable]),
-    )
     cohesion, cohesion_se, tan_phi, tan_se, correlation, phi_bias = columns[:, used]
     if len(cohesion) == 0:
         return PooledEstimate()
@@ -243,7 +231,6 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     c_se, strength_se = (float(np.linalg.norm(by)) for by in (by_c, by_strength + to_pivot * by_slope))
     return PooledEstimate(
         windows=len(cohesion),
-        separable=int(separable.sum()),
         c=float(strength - stress * slope),
         c_se=c_se,
         phi=float(np.arctan(slope)),
@@ -254,10 +241,6 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
         strength_se=strength_se,
         strength_between=float(np.sqrt(between[0])),
         phi_between=float(np.sqrt(between[1]) / (1.0 + slope**2)),
-        c_mean=plain[0],
-        c_spread=plain[1],
-        phi_mean=plain[2],
-        phi_spread=plain[3],
     )
 
 
@@ -278,10 +261,3 @@ def _between(value: Array, own: Array, shared: Array) -> float:
 
     unexplained = scatter(value) - sum(map(scatter, shared.T)) - np.sum(others * own)
     return float(max(unexplained, 0.0) / others.sum())
-
-
-def _mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean, and standard deviation where there are two values or more."""
-    if len(values) == 0:
-        return np.nan, np.nan
-    return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else np.nan
