@@ -67,7 +67,9 @@ def topics(table: Table, crs: str | None = None, before: Iterable[str] = ()) -> 
         result.append(Topic(f"/terrain/{name}/estimate", SEGMENT, times, fields, definition))
         known, places = _places(table, rows, ends)
         if crs is not None and known.any():
-            result.append(Topic(f"/terrain/{name}/fix", FIX, times[known], _fix(places[known], crs)))
+            fix = {"header.frame_id": crs, "altitude": np.nan}
+            fix |= {"longitude": places[known, 0], "latitude": places[known, 1]}
+            result.append(Topic(f"/terrain/{name}/fix", FIX, times[known], fix))
     return result
 
 
@@ -122,10 +124,6 @@ def _places(table: Table, rows: Index, ends: Index) -> tuple[Mask, Array]:
         if shape is not None:
             places[message] = shape.points[-1 if end else 0][:2]
     return np.isfinite(places).all(axis=1), places
-
-
-def _fix(places: Array, crs: str) -> dict[str, Any]:
-    return {"header.frame_id": crs, "longitude": places[:, 0], "latitude": places[:, 1], "altitude": np.nan}
 
 
 def check(output: str | None, samples: str | None = None, crs: str | None = None) -> None:

@@ -32,6 +32,13 @@ COLUMNS = (
     *("stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
     *("x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
 )
+#: What each window's estimate gives, with its unit at the end of the name.
+SOIL = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "corr_c_phi")
+_ESTIMATED = (
+    *(*SOIL, "c_ls_kPa", "phi_ls_deg", "c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number"),
+    *("sigma_star_kPa", "strength_kPa", "strength_se_kPa", "stress_kPa"),
+    *("strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
+)
 #: Of a table of samples: channel → column.
 _SAMPLE_COLUMNS = {
     "load": "load_N",
@@ -75,21 +82,8 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "n_rejected": _rejected(windows),
         "method": _texts(estimates.method),
         "status": _texts(estimates.status),
-        **_soil(estimates),
-        "c_ls_kPa": estimates.c_ls / 1e3,
-        "phi_ls_deg": np.degrees(estimates.phi_ls),
-        "c_ridge_kPa": estimates.c_ridge / 1e3,
-        "phi_ridge_deg": np.degrees(estimates.phi_ridge),
-        "delta": estimates.delta,
-        "condition_number": estimates.condition_number,
+        **in_units(estimates, _ESTIMATED),
         "k_mm": estimates.shear_modulus * 1e3,
-        "sigma_star_kPa": estimates.sigma_star / 1e3,
-        "strength_kPa": estimates.strength / 1e3,
-        "strength_se_kPa": estimates.strength_se / 1e3,
-        "stress_kPa": estimates.stress / 1e3,
-        "strength_at_stress_kPa": estimates.strength_at_stress / 1e3,
-        "strength_at_stress_se_kPa": estimates.strength_at_stress_se / 1e3,
-        "torque_rmse_Nm": estimates.torque_rmse,
         **{
             f"{name}_{unit}": nothing if (channel := place[name]) is None else channel[middle]
             for name, unit in (("x", "m"), ("y", "m"), ("longitude", "deg"), ("latitude", "deg"))
@@ -99,14 +93,20 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
     return {name: values[name] for name in COLUMNS}
 
 
-def _soil(estimates: Any) -> Table:
-    return {
-        "c_kPa": estimates.c / 1e3,
-        "c_se_kPa": estimates.c_se / 1e3,
-        "phi_deg": np.degrees(estimates.phi),
-        "phi_se_deg": np.degrees(estimates.phi_se),
-        "corr_c_phi": estimates.corr,
-    }
+def in_units(found: Any, columns: Sequence[str]) -> Table:
+    """Return what an estimate gives by columns, whose names are its own with the unit behind them."""
+    result: Table = {}
+    for column in columns:
+        name, _, unit = column.rpartition("_")
+        if unit == "kPa":
+            result[column] = getattr(found, name) / 1e3
+        elif unit == "deg":
+            result[column] = np.degrees(getattr(found, name))
+        else:
+            result[column] = getattr(
+                found, {"corr_c_phi": "corr", "torque_rmse_Nm": name}.get(column, column)
+            )
+    return result
 
 
 def _texts(values: NDArray[np.str_]) -> list[str]:
@@ -253,7 +253,7 @@ def trace(windows: Windows) -> Table:
     return {
         **_in_segments(windows),
         "time_s": _times(windows.samples, windows.rows),
-        **_soil(assumed.trace(windows)),
+        **in_units(assumed.trace(windows), SOIL),
     }
 
 

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import counted, known
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.estimation import PooledEstimate, WindowEstimates
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.vocabulary.arrays import Array, Index
 
@@ -67,19 +68,11 @@ def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, r
         "keq_kPa_per_m_n": _mean_and_spread(estimates.stiffness[long] / 1e3),
         "pooled": {
             "windows": pooled.windows,
-            "c_kPa": known(pooled.c / 1e3),
-            "c_se_kPa": known(pooled.c_se / 1e3),
-            "phi_deg": _degrees(pooled.phi),
-            "phi_se_deg": _degrees(pooled.phi_se),
-            "corr_c_phi": known(pooled.corr),
-            "sigma_star_kPa": known(pooled.sigma_star / 1e3),
-            "strength_kPa": known(pooled.strength / 1e3),
-            "strength_se_kPa": known(pooled.strength_se / 1e3),
+            **_known(pooled, (*SOIL, "sigma_star_kPa", "strength_kPa", "strength_se_kPa")),
             "stress_kPa": known(stress / 1e3),
             "strength_at_stress_kPa": known(mapped / 1e3),
             "strength_at_stress_se_kPa": known(mapped_se / 1e3),
-            "strength_between_kPa": known(pooled.strength_between / 1e3),
-            "phi_between_deg": _degrees(pooled.phi_between),
+            **_known(pooled, ("strength_between_kPa", "phi_between_deg")),
         },
     }
 
@@ -92,8 +85,8 @@ def _mean_and_spread(values: Array) -> dict[str, float | None]:
     }
 
 
-def _degrees(angle: float) -> float | None:
-    return known(float(np.degrees(angle)))
+def _known(pooled: PooledEstimate, columns: Sequence[str]) -> dict[str, float | None]:
+    return {name: known(value) for name, value in in_units(pooled, columns).items()}
 
 
 def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:

@@ -62,9 +62,9 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
     ]
 
 
-def say(text: str = "") -> None:
-    """Write what people read to the standard output."""
-    click.echo(escaped(text))
+def say(result: str | Mapping[str, Any] = "") -> None:
+    """Write what people read to the standard output, or a document as JSON."""
+    click.echo(escaped(result) if isinstance(result, str) else as_json(result))
 
 
 def complain(message: str, hint: str) -> None:
