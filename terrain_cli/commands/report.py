@@ -52,7 +52,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     """
     from terrain_cli import models
     from terrain_cli.improvement import compared
-    from terrain_cli.improvement.model_alternatives import alternatives
+    from terrain_cli.improvement.change_trial import alternatives
     from terrain_cli.views import report
 
     given = context.params

@@ -1,10 +1,10 @@
-"""A change of a model, tried on held-out blocks."""
+"""Models on the same windows and blocks: before and after a change, and those to choose from."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.long_logs import notes
-from terrain_cli.vocabulary.quantities import counted
+from terrain_cli.vocabulary.quantities import counted, listed
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.joined_inputs import with_inputs
 
@@ -284,3 +284,45 @@ def _lost(first: Comparison, second: Comparison, places: Sequence[Place]) -> Ite
     for place, was, now in zip(places, before, after, strict=True):
         if was == "ok" != now:
             yield Lost(*place, was, now)
+
+
+class Alternative(NamedTuple):
+    """A model that a reader may choose to look at."""
+
+    label: str
+    comparison: Comparison
+    own: bool = False  # Whether it is the model that was asked for
+
+
+def alternatives(
+    wheels: Sequence[Windows],
+    file: ModelFile,
+    own: Comparison,
+    *,
+    candidates: int,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[Alternative]:
+    """Fit a model effect by effect, on the blocks of `own`, and with each further one that scores name."""
+    modulus = wheels[0].samples.geometry.shear_modulus
+
+    def compared(label: str, other: ModelFile) -> Alternative:
+        progress(label)
+        return Alternative(label, fitted(wheels, other, like=own, seed=seed))
+
+    ids = [effect.id for effect in file.model.effects]
+    steps = [
+        compared(_named(file, ids[:count]), models.removed(file, ids[count:], modulus).file)
+        for count in range(len(ids))
+    ]
+    scores = own.scores() if own.scores else None
+    missing = scores.effects[:candidates] if scores and scores.raised else ()
+    return [
+        *steps,
+        Alternative(_named(file, ids), own, own=True),
+        *(compared(f"+ {name}", models.added(file, [name], modulus).file) for name in missing),
+    ]
+
+
+def _named(file: ModelFile, ids: Sequence[str]) -> str:
+    return f"{file.model.base}{f' with {listed(ids)}' if ids else ''}"

@@ -37,7 +37,7 @@ SOIL = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "corr_c_phi")
 _ESTIMATED = (
     *(*SOIL, "c_ls_kPa", "phi_ls_deg", "c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number"),
     *("sigma_star_kPa", "strength_kPa", "strength_se_kPa", "stress_kPa"),
-    *("strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
+    *("strength_at_stress_kPa", "strength_at_stress_se_kPa"),
 )
 #: Of a table of samples: channel → column.
 _SAMPLE_COLUMNS = {
@@ -84,6 +84,7 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "status": _texts(estimates.status),
         **in_units(estimates, _ESTIMATED),
         "k_mm": estimates.shear_modulus * 1e3,
+        "torque_rmse_Nm": estimates.torque_rmse,
         **{
             f"{name}_{unit}": nothing if (channel := place[name]) is None else channel[middle]
             for name, unit in (("x", "m"), ("y", "m"), ("longitude", "deg"), ("latitude", "deg"))
@@ -103,9 +104,7 @@ def in_units(found: Any, columns: Sequence[str]) -> Table:
         elif unit == "deg":
             result[column] = np.degrees(getattr(found, name))
         else:
-            result[column] = getattr(
-                found, {"corr_c_phi": "corr", "torque_rmse_Nm": name}.get(column, column)
-            )
+            result[column] = getattr(found, "corr" if column == "corr_c_phi" else column)
     return result
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.improvement.model_alternatives import Alternative
+    from terrain_cli.improvement.change_trial import Alternative
 
 __all__ = ["Chart", "Section", "Table", "history", "page", "write"]
 
