@@ -83,15 +83,24 @@ def tried(
 ) -> Step:
     """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out."""
     parts, wheels = wheels, joined(wheels, before, after)
-    if first is None:
-        first = fitted(wheels, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
-    second = fitted(wheels, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}"))
+
+    def fit(
+        what: str, file: ModelFile, some: Sequence[Windows] = wheels, like: Comparison | None = None
+    ) -> Comparison:
+        return fitted(some, file, like=like, seed=seed, progress=lambda step: progress(f"{what}{step}"))
+
+    first = fit("before: ", before) if first is None else first
+    second = fit("after: ", after, like=first)
     if first.blocks < comparison_criteria.FEWEST_BLOCKS:
         # What is missing is remembered longer than noise: the better model tells how long that is.
-        own = fitted(wheels, after, seed=seed, progress=lambda step: progress(f"after, anew: {step}"))
+        own = fit("after, anew: ", after)
         if own.blocks > first.blocks:
-            first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
-    first, second, told = _on_the_same_soils(first, second, action, before, after, seed, progress)
+            first, second = fit("", before, like=own), own
+    progress("one soil or several")
+    windows, told = _needed_soils(first, second, action, before, after)
+    if told:
+        first = fit("before: ", before, windows)
+        second = fit("after: ", after, windows, like=first)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
@@ -121,40 +130,27 @@ def tried(
     )
 
 
-def _on_the_same_soils(
-    first: Comparison,
-    second: Comparison,
-    action: Action,
-    before: ModelFile,
-    after: ModelFile,
-    seed: int,
-    progress: Callable[[str], None],
-) -> tuple[Comparison, Comparison, list[str]]:
-    """Compare two models on the soils that the one with the effect needs.
+def _needed_soils(
+    first: Comparison, second: Comparison, action: Action, before: ModelFile, after: ModelFile
+) -> tuple[Sequence[Windows], list[str]]:
+    """Return the soils that the model with the effect needs, and what is said of them if they are others.
 
     Without an effect, new soils can stand for it: then it would seem to be worth nothing. And where a
     soil steps that no window tells apart, no effect would be worth anything.
     """
-    progress("one soil or several")
     if action == "remove":
-        windows, told = several_soils.as_needed(first, before)
-    else:
-        ratio = weigh(first, second)[1].overall
-        new = [one for one in after.model.effects if one not in before.model.effects]
-        windows, told = several_soils.as_needed(
-            second, after, without=before, effects=[] if ratio.high < 1.0 else new
-        )
-        if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
-            # With fewer soils it predicts better: what it is worth shows on these.
-            enough = counted(_soils(second), "soil")
-            names = " and ".join(one.id for one in new)
-            told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
-    if told:
-        first = fitted(windows, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
-        second = fitted(
-            windows, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}")
-        )
-    return first, second, told
+        return several_soils.as_needed(first, before)
+    ratio = weigh(first, second)[1].overall
+    new = [one for one in after.model.effects if one not in before.model.effects]
+    windows, told = several_soils.as_needed(
+        second, after, without=before, effects=[] if ratio.high < 1.0 else new
+    )
+    if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
+        # With fewer soils it predicts better: what it is worth shows on these.
+        enough = counted(_soils(second), "soil")
+        names = " and ".join(one.id for one in new)
+        told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
+    return windows, told
 
 
 def _places(parts: Sequence[Windows], wheels: Sequence[Windows]) -> list[Place]:

@@ -83,7 +83,8 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
         return replace(file, model=Model("wong-reece", file.model.effects))
     if name == MODULUS and held is not None:
         expected = Prior.factor(held, K_FACTOR)
-        prior = Prior(_short(expected.mean), _short(expected.sd))
+        # Numbers that a person can read in the file.
+        prior = Prior(float(f"{expected.mean:.4g}"), float(f"{expected.sd:.4g}"))
         return replace(file, fixed=_without_k(file.fixed), priors={**file.priors, _K: prior})
     raise UsageError(f"the model does not make the assumption {name}", hint="terrain-est model show tells")
 
@@ -120,11 +121,6 @@ def _held(file: ModelFile, shear_modulus: float) -> float | None:
         return file.fixed[_K]
     said = _K in {*file.priors, *file.shared}
     return shear_modulus if file.model.base == "linear" and not said else None
-
-
-def _short(value: float) -> float:
-    """Return a number that a person can read in the file."""
-    return float(f"{value:.4g}")
 
 
 def _without_k(table: Mapping[str, T]) -> dict[str, T]:
@@ -188,8 +184,8 @@ def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Chan
         ids.append(gone)
         file = replace(
             file,
-            model=Model(file.model.base, _without(file.model.effects, place)),
-            effects=_without(file.effects, place),
+            model=Model(file.model.base, tuple(one for one in file.model.effects if one.id != gone)),
+            effects=(*file.effects[:place], *file.effects[place + 1 :]),
             fixed=_others(file.fixed, gone),
             priors=_others(file.priors, gone),
         )
@@ -217,10 +213,6 @@ def _place(file: ModelFile, name: str) -> int:
         f"the model has no effect {name}{nearest(name, ids)}",
         hint=f"it has {', '.join(ids)}" if ids else "it has none",
     )
-
-
-def _without(several: tuple[T, ...], place: int) -> tuple[T, ...]:
-    return (*several[:place], *several[place + 1 :])
 
 
 def _others(table: Mapping[str, T], effect: str) -> dict[str, T]:

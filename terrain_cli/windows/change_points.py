@@ -96,13 +96,11 @@ def change_points(
     a soil can have (`line_costs`). The same data give the same windows; the time grows with the number of
     samples.
 
-    x and y, shape (n,), in Pa and finite, are samples of one wheel in the order of time, from
-    `mechanics.linear.line_coordinates`; any one scale of both gives the same windows. `breaks` are samples
-    before which the series is interrupted, always bounds: what lies on either side is searched by itself, and
-    a stretch that is shorter than a window may be is a window all the same. `distance`, in m, never falls.
-    `penalty` is what splitting a window must gain, in units of the noise's (long-run) variance. `before`
-    counts the samples of the first stretch that came before these: the longer a stretch, the coarser the
-    first search.
+    x and y, shape (n,), in Pa and finite, are samples of one wheel in the order of time; any scale of both
+    gives the same windows. `breaks` are always bounds: what lies on either side is searched by itself, and a
+    stretch that is shorter than a window may be is a window all the same. `penalty` is what splitting a
+    window must gain, in units of the noise's (long-run) variance. `before` counts the samples of the first
+    stretch that came before these: the longer a stretch, the coarser the first search.
     """
     keep_freed()
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
@@ -116,7 +114,9 @@ def change_points(
     found = [bounds]
     for a, b in pairwise(bounds):
         metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
-        block = _block_length(b - a, before if a == 0 else 0)
+        # 2 samples for hundreds, 3 for a thousand, 10 for 10⁵, then `LONG`.
+        length = max(int(0.57 * (b - a + (before if a == 0 else 0)) ** 0.25 + 0.5), 1)
+        block = LONG if length > _LONGEST and b - a >= _LONG_SAMPLES else min(length, _LONGEST)
         found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
     return np.unique(np.concatenate(found).astype(np.intp))
 
@@ -135,12 +135,6 @@ def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> 
         gradual=Criterion(penalty, GRADUAL_TOLERANCE),
     )
     return Refinement(moments, limits, criteria).settle(bounds)
-
-
-def _block_length(n: int, before: int) -> int:
-    """Return the samples in a block: 2 for hundreds of samples, 3 for a thousand, 10 for 10⁵, then `LONG`."""
-    length = max(int(0.57 * (n + before) ** 0.25 + 0.5), 1)
-    return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)
 
 
 def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: Index) -> Bounds:
