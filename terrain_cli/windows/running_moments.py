@@ -73,13 +73,12 @@ def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
 def _measure(
     samples: ReplacedSamples, step: int, usual: Array, parts: Parts, out: Array
 ) -> tuple[Index, Array]:
-    """Fill in the rows of blocks, part by part in the same memory; return wild samples, and medians there."""
+    """Fill in the rows of blocks, part by part; return wild samples, and medians there."""
     spans = [sample_blocks.around(part, len(samples), step) for part in parts]
-    room = np.empty((6, max(len(span) for span in spans) * step))
     far = []
     for part, span in zip(parts, spans, strict=True):
         x, y = samples.of_blocks(span, step)
-        rows, place, limit = sample_blocks.summed(x, y, step, usual[0] / usual[1], room)
+        rows, place, limit = sample_blocks.summed(x, y, step, usual[0] / usual[1])
         own = np.searchsorted(span, part)
         out[:, part] = rows[:, own]
         asked = np.zeros(len(span), dtype=bool)

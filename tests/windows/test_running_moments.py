@@ -10,7 +10,7 @@ X, Y = 12_000.0, 8_000.0
 
 def noise_of(x, y, step=4):
     """Return the noise of samples, none of which is taken for wild."""
-    rows, _, _ = sample_blocks.summed(x, y, step, 1.5, np.empty((6, len(x) + step)))
+    rows, _, _ = sample_blocks.summed(x, y, step, 1.5)
     return block_noise(rows, sample_blocks.sizes(len(x), step), step, np.full(2, 1e-9 * X))
 
 

@@ -32,7 +32,7 @@ def series(draw, shortest=3):
 
 
 def summed(x, y, step, scale=2.0):
-    return sample_blocks.summed(x, y, step, scale, np.full((6, len(x) + step), np.nan))
+    return sample_blocks.summed(x, y, step, scale)
 
 
 def steps_by_hand(x, y):
