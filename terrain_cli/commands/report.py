@@ -67,12 +67,10 @@ def command(context: click.Context, /, **_: Any) -> None:
         )
         progress.advance()
         say = partial(progress.say, given["output"])
-        further = [report.history(file.history)]
-        asked = comparison_options.repeated(context, given["model"])
+        parts: dict[str, Any] = {"models": choices, "further": [report.history(file.history)]}
+        parts |= {"asked": comparison_options.repeated(context, given["model"]), "progress": say}
         if given["output"] != "-":
-            report.write(
-                comparison, given["output"], models=choices, further=further, asked=asked, progress=say
-            )
+            report.write(comparison, given["output"], **parts)
             return
-        text = report.page(comparison, models=choices, further=further, asked=asked, progress=say)
+        text = report.page(comparison, **parts)
     click.echo(text, nl=False)

@@ -1,7 +1,4 @@
-"""Segments as they are shown: names, groups, tracks, ellipses, strength lines; and moments under the rim.
-
-Whatever estimated the soil, its table has the columns of `segment_table.COLUMNS`.
-"""
+"""Segments as they are shown: names, groups, tracks, ellipses, strength lines; moments under the rim."""
 
 from __future__ import annotations
 

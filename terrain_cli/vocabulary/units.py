@@ -155,12 +155,10 @@ def symbols(dimension: str) -> tuple[str, ...]:
 
 
 def parse(text: str, dimension: str | None = None) -> Unit | None:
-    """Find the unit that a text names.
+    """Find the unit that a text names; without a dimension a text with two meanings (``g``) is no unit.
 
-    Case counts where it separates two units. Where the dimension leaves one reading it does
-    not: the ``nm`` of a torque is the newton metre. A capital M is never taken for milli.
-
-    Without a dimension a text with two meanings (``g``) is no unit.
+    Case counts where it separates two units. Where the dimension leaves one reading it does not: the ``nm``
+    of a torque is the newton metre. A capital M is never taken for milli.
     """
     key = _key(text)
     if dimension is None:

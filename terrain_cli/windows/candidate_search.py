@@ -122,11 +122,7 @@ def _chunked(places: int, size: int) -> Index:
 
 
 def candidates(moments: RunningMoments, limits: Limits, penalty: float) -> tuple[Index, float]:
-    """Search for bounds, from 0 to n, among which all changes of the line are.
-
-    `penalty` is the least gain of a bound, for white noise; by the factor that is returned the noise's
-    correlation raises what a bound gains by chance.
-    """
+    """Search for bounds among which all changes of the line are; return how far noise raises `penalty`."""
     factor = _survey(moments, limits, penalty)
     places = _promising(moments, penalty * factor)
     while True:
@@ -178,9 +174,8 @@ def _finer(moments: RunningMoments, edges: Index, block: Index) -> _Places:
 def _wanders(windows: Array, parts: Array, limit: float) -> Mask:
     """Tell in which windows the residuals about one line do not stay about it.
 
-    `windows`, shape (10, k), are moments, and `parts`, shape (5, m, k), the moments W to XY of the first
-    samples of each, of more and more of them. The limit is of the squared range of the sums of residuals, and
-    of their products with x, in units of the variance of such a sum over the window.
+    `windows`, shape (10, k), are moments, and `parts`, shape (5, m, k), those W to XY of more and more of
+    their first samples. The limit is of the squared range of sums of residuals, over the variance of one.
     """
     slope, _ = line_costs.best_line(windows)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

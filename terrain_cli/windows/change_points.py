@@ -277,12 +277,11 @@ def sinkage_changes(
     min_distance: float,
     before: int = 0,
 ) -> Bounds:
-    """Cut windows further where the sinkage under a load changes.
+    """Cut windows further where the sinkage under a load changes, and `drivers` do not explain it.
 
     A wheel sinks as z ∝ W^m (m = 2 / (2 n + 1), Bekker 1969), which is a line in logarithms: the search is
-    that for the line of a soil. What the sinkage of each window follows of load and slip is taken off first,
-    and no cut stays that `drivers` explain. Arrays are of shape (n,) and in SI; where one is not known
-    everywhere, nothing is cut.
+    that for the line of a soil. What the sinkage of each window follows of load and slip is taken off first.
+    Where an array is not known everywhere, nothing is cut.
     """
     line = _in_logarithms(load, sinkage, slip, bounds)
     if line is None:

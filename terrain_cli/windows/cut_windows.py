@@ -156,12 +156,10 @@ def cut(
 ) -> Windows:
     """Cut the usable samples of a wheel into windows.
 
-    "auto" cuts where the soil changes, into windows of `min_samples` and `window_distance` metres at
-    least; "fixed" every so many samples or metres; "terrain" where the label changes; "none" makes one window
-    for each continuous stretch. Of a table of steady test points, and of samples without torque, "auto" makes
-    one window for each terrain label, or one of all. `before` counts the usable samples of the first stretch
-    that came before these, which are a part of a long log. UsageError tells of "fixed" without a length,
-    InputError of "terrain" without labels, and of metres where no channel gives the distance.
+    "auto" cuts where the soil changes; "fixed" every so many samples or metres; "terrain" where the label
+    changes; "none" makes one window for each continuous stretch. Of steady test points, and without torque,
+    "auto" makes one window for each terrain label, or one of all. `before` counts the usable samples of the
+    first stretch that came before these, which are a part of a long log.
     """
     rows = samples.usable
     labels = samples.labels.get("terrain")

@@ -94,14 +94,11 @@ def _measure(
 
 
 def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
-    """Estimate the covariance of the noise of (x, y), block by block.
+    """Estimate the covariance of the noise of (x, y) block by block, in Pa²: shape (3, blocks).
 
-    From second differences, in which a drift of the load cancels, averaged over `sample_blocks.REACH`
-    samples on either side. A load that varies from sample to sample moves (x, y) along the soil's
-    line and would pass for noise: it shows as a correlation that noise has not, and is taken out.
-
-    `rows` are from `sample_blocks.summed`; below `least`, shape (2,), in Pa, no level of x and y is believed.
-    Returns variance of x, covariance, variance of y, in Pa², shape (3, blocks).
+    From second differences, in which a drift of the load cancels, averaged over `sample_blocks.REACH` samples
+    on either side. A load that varies from sample to sample moves (x, y) along the soil's line and would pass
+    for noise: it shows as a correlation that noise has not, and is taken out. No level below `least` counts.
     """
     squares = sample_blocks.moving_mean(rows[[sample_blocks.POWER_X, sample_blocks.POWER_Y]], number, step)
     xx, yy = np.maximum(squares, least[:, None] ** 2)
@@ -141,13 +138,11 @@ def _load_variation(xx: Array, xy: Array, yy: Array, ratio: Array) -> tuple[Arra
 
 
 def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:
-    """Return how much more the mean of correlated residuals scatters than neighbours tell.
+    """Return how much more the mean of correlated residuals scatters than neighbours tell, 1 at least.
 
-    Long-run variance by prewhitening (Andrews & Monahan 1992, Econometrica 60(4)) with a
-    first-order autoregression and Bartlett's window, over the variance from second differences.
-
-    Residuals are about the lines, in units of the standard deviation from second differences; `starts` are
-    the first samples of the windows, without 0: no products are taken across them. The factor is at least 1.
+    Long-run variance by prewhitening (Andrews & Monahan 1992, Econometrica 60(4)) with a first-order
+    autoregression and Bartlett's window, over that from second differences, in whose standard deviations the
+    residuals are. No products are taken across the `starts` of windows.
     """
     n = len(residuals)
     limit = 6.0 * 1.4826 * float(np.median(np.abs(residuals)))

@@ -1,8 +1,4 @@
-"""Samples in blocks of equal length, and sums over these; the last block may be shorter.
-
-Everything that is asked of all samples is summed here, in one pass over them. A few samples are replaced,
-without a copy of the others.
-"""
+"""Samples in blocks of equal length, the last perhaps shorter, and all sums over these, in one pass."""
 
 from __future__ import annotations
 

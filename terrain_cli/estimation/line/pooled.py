@@ -49,13 +49,11 @@ def recursive(
     slip: ArrayLike,
     correlated: bool = True,
 ) -> Trace:
-    """Follow c, φ and their errors through each window.
+    """Follow c, φ and their errors through each window; arrays are those of `estimate_windows`.
 
     The Kalman filter of the constant state (c, tan φ) with the measurement y = c + x tan φ, started from a
-    prior of no information. In its information form such a filter does nothing but add up, so that its states
-    are had from cumulative sums of products, and the last is the least-squares answer of `estimate_windows`,
-    with the same errors. The noise of the measurement and its correlation are not given beforehand but taken
-    from the residuals so far. Arrays are those of `estimate_windows`.
+    prior of no information. In its information form such a filter does nothing but add up: its states are had
+    from cumulative sums of products, and the last is least squares, with the noise of the residuals so far.
     """
     columns = np.array([x, y, load, torque, sinkage, slip], dtype=float)
     states = np.full((5, columns.shape[1]), np.nan)
@@ -165,17 +163,13 @@ class PooledEstimate:
 
 
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:
-    """Combine windows by generalised least squares with random effects.
+    """Combine windows, or those to `select`, by generalised least squares with random effects.
 
     Each window gives its strength at one common stress and its tan φ, with the covariance of the two; each is
     weighted by the inverse of that covariance plus the variance of the soil between windows (DerSimonian &
-    Kacker 2007). What the sensors' noise does to φ is the same in every window: it is not averaged out.
-
-    All windows whose errors are known take part, or those to `select`, by places or a mask: of one soil and
-    wheel. What all of them take for true, such as the priors of the full model, makes the same error in each:
-    it is not averaged out either. One that cannot tell c from φ still knows its strength, and strengths at
-    several stresses fix the line between them; leaving out negative c would bias c. Windows of too few
-    samples are passed over.
+    Kacker 2007). What is the same in every window, as what the sensors' noise does to φ and what all of them
+    take for true, is not averaged out. A window that cannot tell c from φ still knows its strength, and
+    strengths at several stresses fix the line; leaving out negative c would bias c.
     """
     chosen = slice(None) if select is None else np.asarray(select)
     status = estimates.status[chosen]
