@@ -35,11 +35,6 @@ if TYPE_CHECKING:
     Place = tuple[str, str, int]
 
 
-def joined(wheels: Sequence[Windows], *files: ModelFile) -> list[Windows]:
-    """Join the inputs of each wheel: an effect has one value for a wheel. What effects use is computed."""
-    return joined_inputs.by_wheel(wheels, [effect for file in files for effect in file.model.effects])
-
-
 def fitted(
     wheels: Sequence[Windows],
     file: ModelFile,
@@ -82,7 +77,9 @@ def tried(
     progress: Callable[[str], None] = lambda _: None,
 ) -> Step:
     """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out."""
-    parts, wheels = wheels, joined(wheels, before, after)
+    # An effect has one value for a wheel, in all of its inputs.
+    effects = [effect for file in (before, after) for effect in file.model.effects]
+    parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
 
     def fit(
         what: str, file: ModelFile, some: Sequence[Windows] = wheels, like: Comparison | None = None

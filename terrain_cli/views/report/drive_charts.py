@@ -102,10 +102,10 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
     y = alt.Y("y:Q", title="friction angle φ (°)", scale=scale(*phi))
     n = len(kinds)
     points = sheet.chart(
-        x=np.asarray(table["c_kPa"], float),
-        y=np.asarray(table["phi_deg"], float),
-        xe=np.asarray(table["c_se_kPa"], float),
-        ye=np.asarray(table["phi_se_deg"], float),
+        x=table["c_kPa"],
+        y=table["phi_deg"],
+        xe=table["c_se_kPa"],
+        ye=table["phi_se_deg"],
         s=key,
         name=name,
         kind=kinds,
