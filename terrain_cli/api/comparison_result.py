@@ -12,7 +12,7 @@ from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, windows_of
 from terrain_cli.comparison import against as difference
 from terrain_cli.improvement import compared
-from terrain_cli.improvement.model_alternatives import alternatives
+from terrain_cli.improvement.change_trial import alternatives
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import escaped
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison, Difference
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
+    from terrain_cli.views.plots import Drawn
 
 _CHANNELS = ("unit", "samples", "rmse", "bias", "nrmse", "noise", "heldout_rmse")
 _ENDS = ("heldout_low", "heldout_high")
@@ -108,6 +109,10 @@ class ComparisonResult(result_tables.Result):
         """
         return result_tables.frame(self._document.get("differences", ()), _DIFFERENCES)
 
+    @property
+    def _picture(self) -> tuple[Drawn, str]:
+        return self.against or self.found, "predicted-measured"
+
     def plot(self, name: str = "predicted-measured") -> Figure:
         """Draw a picture of the (last) model.
 
@@ -132,7 +137,7 @@ class ComparisonResult(result_tables.Result):
         """
         from terrain_cli.views import plots
 
-        return plots.draw(self.against or self.found, name)
+        return plots.draw(self._picture[0], name)
 
     def __str__(self) -> str:
         return escaped(comparison_text.text(self.found, self.against, self.moved))

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from terrain_cli.api.logs import Data
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, Verdict
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
+    from terrain_cli.views.plots import Drawn
 
 _CANDIDATES = (
     *("effect", "title", "score", "p_value", "explained", "surviving"),
@@ -110,24 +110,9 @@ class DiagnosisResult(result_tables.Result):
         ]
         return result_tables.frame(rows, ("effect", "parameter", "value", "se", "unit"))
 
-    def plot(self) -> Figure:
-        """Draw what each candidate explains of the misfit, and what it does to the held-out loss.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Shown by a notebook; ``savefig`` writes it.
-
-        Raises
-        ------
-        UsageError
-            Nothing was fitted.
-        ConfigurationError
-            matplotlib is not installed.
-        """
-        from terrain_cli.views import plots
-
-        return plots.draw(self.found, "candidates")
+    @property
+    def _picture(self) -> tuple[Drawn, str]:
+        return self.found, "candidates"
 
     def __str__(self) -> str:
         return escaped(diagnosis_text.text(self.found))

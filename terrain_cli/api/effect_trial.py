@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from terrain_cli.api.logs import Data
     from terrain_cli.improvement import Step
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
+    from terrain_cli.views.plots import Drawn
 
 _PARAMETERS = ("source", "wheel", "name", "value", "se", "unit", "determined")
 
@@ -99,23 +99,10 @@ class EffectTrial(result_tables.Result):
         """
         return result_tables.frame(self._document["parameters"], _PARAMETERS)
 
-    def plot(self) -> Figure:
-        """Draw the held-out error after each change that the model remembers, and after this one.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Shown by a notebook; ``savefig`` writes it.
-
-        Raises
-        ------
-        ConfigurationError
-            matplotlib is not installed.
-        """
-        from terrain_cli.views import plots
-
+    @property
+    def _picture(self) -> tuple[Drawn, str]:
         entries = [*self.history] if self.kept else [*self.history, _entry(self.step)]
-        return plots.draw(model_history.rungs(entries), "ladder")
+        return model_history.rungs(entries), "ladder"
 
     def __str__(self) -> str:
         return escaped(change_text.text(self.step))

@@ -14,6 +14,10 @@ from terrain_cli.vocabulary.quantities import short
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from matplotlib.figure import Figure
+
+    from terrain_cli.views.plots import Drawn
+
 #: Of SI units, as they stand in the name of a column.
 _IN_NAMES = {"N m": "Nm"}
 #: Rows that a notebook shows.
@@ -27,6 +31,34 @@ class Result(ABC):
     @abstractmethod
     def _document(self) -> dict[str, Any]:
         """What the text is made of."""
+
+    @property
+    @abstractmethod
+    def _picture(self) -> tuple[Drawn, str]:
+        """What is drawn, and the name of its picture."""
+
+    def plot(self) -> Figure:
+        """Draw the result.
+
+        Of `simulate` every channel against time, and where the soil changes under a wheel. Of `diagnose`
+        what each candidate explains of the misfit, and what it does to the held-out loss. Of `add_effect`
+        the held-out error after each change that the model remembers, and after this one.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by a notebook; ``savefig`` writes it.
+
+        Raises
+        ------
+        UsageError
+            There is nothing to draw, as no candidate was fitted.
+        ConfigurationError
+            matplotlib is not installed.
+        """
+        from terrain_cli.views import plots
+
+        return plots.draw(*self._picture)
 
     def to_json(self) -> str:
         """Return the text that the command prints with ``--json``, or ``simulate`` writes for ``--truth``.

@@ -18,11 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from matplotlib.figure import Figure
-
     from terrain_cli.rover import Rover
     from terrain_cli.simulation import SimulatedLog
     from terrain_cli.telemetry import Samples
+    from terrain_cli.views.plots import Drawn
 
 #: What the messages of errors call the arguments.
 _LABEL = "simulate()"
@@ -71,22 +70,9 @@ class SimulatedDrive(result_tables.Result):
     def _document(self) -> dict[str, Any]:
         return truths.document(self.log)
 
-    def plot(self) -> Figure:
-        """Draw every channel against time, and where the soil changes under a wheel.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Shown by a notebook; ``savefig`` writes it.
-
-        Raises
-        ------
-        ConfigurationError
-            matplotlib is not installed.
-        """
-        from terrain_cli.views import plots
-
-        return plots.draw(self.log, "measured")
+    @property
+    def _picture(self) -> tuple[Drawn, str]:
+        return self.log, "measured"
 
     def __str__(self) -> str:
         return self.log.scenario.summary

@@ -199,7 +199,12 @@ def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
         for name in (signal.SIGINT, *ENDINGS):
             signal.signal(name, signal.SIG_IGN)
         progress.close()
-        error = _interrupted(progress.tally, given["output"])
+        known = progress.tally
+        done = f"{known.done} of {known.total} inputs done" if known else "no input done"
+        error = InterruptedBatchError(
+            f"{given['output']}: interrupted; {done}, and kept",
+            hint="run the same command again to go on; the mission table is written at the end",
+        )
         error.exit_code = end.code if isinstance(end, EndedError) else error.exit_code
         raise error from None
     finally:
@@ -212,7 +217,7 @@ def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
         for line in _remarks(tally.remarks, given["output"]):
             click.echo(terminal.in_line(line), err=True)
     for entry in tally.failures.values():
-        click.echo(terminal.in_line(_line(entry)), err=True)
+        click.echo(terminal.in_line(f"failed ({entry.exit_code}): {entry.error}"), err=True)
     if not tally.failures:
         return 0
     if any(not entry.passing for entry in tally.failures.values()) and not given["quiet"]:
@@ -240,10 +245,6 @@ def _told(tally: Tally, seconds: float) -> str:
     return f"{', '.join(counts) or 'nothing to do'} · {seconds:.1f} s"
 
 
-def _line(entry: ManifestEntry) -> str:
-    return f"failed ({entry.exit_code}): {entry.error}"
-
-
 def _saved(entry: ManifestEntry) -> str:
     # Never 100 % of what is not whole.
     percent = "" if entry.recovered is None else f"{min(100 * entry.recovered, 99.9):.1f} % of "
@@ -258,11 +259,3 @@ def _remarks(remarks: Mapping[str, Sequence[str]], folder: str) -> Iterator[str]
         yield f"  {first}{f' and {len(others)} more' if others else ''}: {remark}"
     if len(common) > _TOLD:
         yield f"  {len(common) - _TOLD} more remarks: {folder}/manifest.jsonl"
-
-
-def _interrupted(tally: Tally | None, folder: str) -> InterruptedBatchError:
-    done = f"{tally.done} of {tally.total} inputs done" if tally else "no input done"
-    return InterruptedBatchError(
-        f"{folder}: interrupted; {done}, and kept",
-        hint="run the same command again to go on; the mission table is written at the end",
-    )

@@ -9,7 +9,7 @@ import click
 
 from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.errors import UsageError
-from terrain_cli.presentation.terminal import Progress, as_json, say
+from terrain_cli.presentation.terminal import Progress, say
 
 if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
@@ -76,9 +76,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []
     asked = [comparison_options.repeated(context, name) for name in names]
-    if context.params["as_json"]:
-        click.echo(as_json(comparison_text.document(first, second, differences, asked)))
-    else:
-        say(comparison_text.text(first, second, differences, asked))
+    form = comparison_text.document if context.params["as_json"] else comparison_text.text
+    say(form(first, second, differences, asked))
     if context.params["plot"]:
         comparison_options.draw(outcomes[-1], context.params)

@@ -16,13 +16,12 @@ from terrain_cli.vocabulary.quantities import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.presentation.terminal import Progress
     from terrain_cli.rover import Rover
+    from terrain_cli.views.plots import Drawn
     from terrain_cli.windows.cut_windows import Windows
 
 #: By which windows are cut, samples are kept and chance is drawn.
@@ -66,7 +65,7 @@ keep_aside = options.value(
 soils = options.together(options.folds, options.robust, options.at_stress)
 
 
-def draw(found: Comparison | Diagnosis, given: Mapping[str, Any]) -> None:
+def draw(found: Drawn, given: Mapping[str, Any], nothing: str = "") -> None:
     """Write the pictures of a result, if they are asked for."""
     if not given["plot"]:
         return
@@ -75,7 +74,7 @@ def draw(found: Comparison | Diagnosis, given: Mapping[str, Any]) -> None:
     written = plots.write(found, given["plot"])
     if not given["quiet"]:
         said = counted(len(written), "picture") if written else "there is nothing to draw: no picture"
-        click.echo(f"{said} in {given['plot']}", err=True)
+        click.echo(f"{said} in {given['plot']}" if written or not nothing else nothing, err=True)
 
 
 def read(
@@ -84,11 +83,7 @@ def read(
     progress: Progress,
     inputs: Sequence[str] | None = None,
 ) -> list[Windows]:
-    """Read every input, with all that the models need, and cut it into windows.
-
-    The context is of a verb with `cutting`, inputs, --rover and --wheel; where it has --keep-aside, samples
-    are marked. InputError where no sample can be used.
-    """
+    """Read every input with all that the models need, cut it, and mark what --keep-aside hides."""
     import formats
     from terrain_cli import processes
     from terrain_cli.comparison import kept_aside

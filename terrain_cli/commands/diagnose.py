@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths
-from terrain_cli.presentation.terminal import Progress, as_json, say
+from terrain_cli.presentation.terminal import Progress, say
 
 
 @options.verb(
@@ -99,10 +99,8 @@ def command(context: click.Context, /, **_: Any) -> None:
             Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
         found = replace(found, sentence=verdict.with_draft(found.sentence, given["draft"]))
     asked = comparison_options.repeated(context, given["model"])
-    if given["as_json"]:
-        click.echo(as_json(diagnosis_text.document(found, asked, given["draft"] or "")))
-    else:
-        say(diagnosis_text.text(found, asked, given["draft"] or ""))
+    form = diagnosis_text.document if given["as_json"] else diagnosis_text.text
+    say(form(found, asked, given["draft"] or ""))
     comparison_options.draw(found, given)
     if given["draft"] and found.unknown is None:
         click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)

@@ -12,8 +12,7 @@ import click
 from terrain_cli.commands import options, paths
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.effect import KINDS, Effect
-from terrain_cli.presentation import terminal
-from terrain_cli.presentation.terminal import say
+from terrain_cli.presentation.terminal import complain, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,7 +63,7 @@ def list_effects(kind: str | None, as_json: bool) -> None:
     chosen = [effect for effect in effects.catalogue().values() if kind in {None, effect.kind}]
     assumptions = list(ASSUMPTIONS.values()) if kind is None else []
     if as_json:
-        click.echo(terminal.as_json(_listed(chosen, assumptions)))
+        say(_listed(chosen, assumptions))
         return
     say(effect_text.overview(chosen))
     if assumptions:
@@ -92,7 +91,7 @@ def show(names: tuple[str, ...], as_json: bool) -> None:
     effects = {name: _effect(name) for name in names if name not in ASSUMPTIONS}
     if as_json:
         assumptions = [ASSUMPTIONS[name] for name in names if name in ASSUMPTIONS]
-        click.echo(terminal.as_json(_listed(list(effects.values()), assumptions)))
+        say(_listed(list(effects.values()), assumptions))
         return
     told = {name: effect_text.text(effect) for name, effect in effects.items()}
     say("\n\n".join(told.get(name) or effect_text.text_of_assumption(ASSUMPTIONS[name]) for name in names))
@@ -127,7 +126,7 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
             understood = effect_file.read(file)
         except (TerrainError, FormatError) as error:
             codes.append(error.exit_code)
-            terminal.complain(str(error), error.hint)
+            complain(str(error), error.hint)
             documents.append({"file": file, "ok": False, "error": str(error), "hint": error.hint})
             continue
         if understood.effect.id in effects.catalogue():
@@ -140,7 +139,7 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
         if not as_json:
             say("\n" * (len(documents) > 1) + effect_text.checked_text(file, understood))
     if as_json:
-        click.echo(terminal.as_json({"format": effect_text.CHECK_FORMAT, "files": documents}))
+        say({"format": effect_text.CHECK_FORMAT, "files": documents})
     # A file that is wrong outweighs one that is not there.
     context.exit(max(codes, default=0))
 

@@ -188,22 +188,15 @@ def _write(  # noqa: C901 - one branch for each thing asked for
     # Nobody reads WKT on a screen.
     for_reading = given["output"] is None and not given["csv"] and sys.stdout.isatty()
     segment_files.write(table, None if for_reading else given["output"] or "-", crs, points)
-    if not given["quiet"]:
-        _remark(given, crs)
+    site = f"positions are x and y of a site frame: --crs {given['crs']} does not apply"
+    remarks = [site * bool(given["crs"] and crs is None), segment_files.remark(given["output"], crs)]
+    for remark in () if given["quiet"] else filter(None, remarks):
+        click.echo(remark, err=True)
     readable = summary.text(in_lines(document), table, verbose=given["verbose"])
     if for_reading:
         say(readable)
     elif not given["quiet"]:
         click.echo(readable, err=True)
-
-
-def _remark(given: Mapping[str, Any], crs: str | None) -> None:
-    from terrain_cli.presentation import segment_files
-
-    if given["crs"] and crs is None:
-        click.echo(f"positions are x and y of a site frame: --crs {given['crs']} does not apply", err=True)
-    if remark := segment_files.remark(given["output"], crs):
-        click.echo(remark, err=True)
 
 
 def _outcomes(
@@ -329,9 +322,9 @@ class _Teller:
 
     def open(self, rows: Sequence[Table]) -> None:
         """Write rows that are not the last word on their segments; a terminal shows them in its one line."""
-        for row in rows if self._table else ():
-            assert self._table is not None  # noqa: S101 - asked above
-            self._table.add(row, "open")
+        if self._table:
+            for row in rows:
+                self._table.add(row, "open")
         self._draw(rows)
 
     def _draw(self, rows: Sequence[Table]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import model_changes, options, paths
+from terrain_cli.commands import comparison_options, model_changes, options, paths
 from terrain_cli.commands.model_changes import add
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import aligned, say
@@ -205,15 +205,8 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
         if rungs:
             head, rows = change_text.ladder(rungs)
             say("\n".join(["", *aligned([head, *rows]), "", *change_text.remarks(rungs)]))
-    if plot:
-        from terrain_cli.views import plots
-
-        written = plots.write(rungs, plot)
-        if not quiet:
-            said = (
-                f"{len(written)} pictures in {plot}" if written else "no step was tried on data: no picture"
-            )
-            click.echo(said, err=True)
+    given = {"plot": plot, "quiet": quiet}
+    comparison_options.draw(rungs, given, "no step was tried on data: no picture")
 
 
 @options.verb(

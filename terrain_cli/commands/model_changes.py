@@ -13,7 +13,7 @@ import click
 
 from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.errors import UsageError
-from terrain_cli.presentation.terminal import Progress, as_json, say
+from terrain_cli.presentation.terminal import Progress, say
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ def load(path: str) -> ModelFile:
 
 def change(context: click.Context, action: Action) -> None:
     """Change a model file as asked: tried on data where there are some, and then kept if it is worth it."""
+    import formats
     from terrain_cli import models
     from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_text
@@ -80,7 +81,11 @@ def change(context: click.Context, action: Action) -> None:
     given = context.params
     before = load(given["file"])
     names = models.named_from(given["effects"], Path(given["file"]).parent)
-    modulus = _shear_modulus(context) if models.ASSUMPTIONS.keys() & set(names) else 0.0
+    modulus = 0.0
+    if models.ASSUMPTIONS.keys() & set(names):
+        # The k of the data, or beside the model file where there are none.
+        logs = formats.expand(given["inputs"]) if given["inputs"] else [given["file"]]
+        modulus = options.load_rover(given["rover"], logs).soil_shear_modulus()
     changed = (models.added if action == "add" else models.removed)(before, names, modulus)
     if not given["inputs"]:
         entry = model_history.untested(action, changed.ids, changed.file)
@@ -97,15 +102,6 @@ def change(context: click.Context, action: Action) -> None:
         _write(given["file"], changed.file, model_history.entry(step, change_text.reason(step)))
     asked = comparison_options.repeated(context, given["file"])
     _tell(context, change_text.text(step, asked), change_text.document(step, asked))
-
-
-def _shear_modulus(context: click.Context) -> float:
-    """Return the k of rover.toml: of the data, or beside the model file where there are none."""
-    import formats
-
-    given = context.params
-    paths = formats.expand(given["inputs"]) if given["inputs"] else [given["file"]]
-    return options.load_rover(given["rover"], paths).soil_shear_modulus()
 
 
 def _tried(
@@ -129,12 +125,8 @@ def _tried(
 
 
 def _tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
-    """Write what came out, for a person or as JSON."""
     file = context.params["file"]
-    if context.params["as_json"]:
-        click.echo(as_json({**content, "file": file}))
-    else:
-        say(f"{file}: {text}")
+    say({**content, "file": file} if context.params["as_json"] else f"{file}: {text}")
 
 
 def _write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:

@@ -290,10 +290,7 @@ def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:
 
 
 def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
-    """Let rover.toml give what neither the command line nor the environment gives.
-
-    `settings` are long options without dashes, from the table of the verb in rover.toml.
-    """
+    """Let rover.toml give, by long options, what neither the command line nor the environment gives."""
     named = False
     parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}
     for name, value in settings.items():

@@ -269,10 +269,7 @@ class Verb(click.Command):
 
 
 def check(context: click.Context) -> None:
-    """Refuse to write onto what is read, and to write two outputs into one file.
-
-    A command that fills in names which nobody gave calls this again.
-    """
+    """Refuse to write onto what is read, and to write two outputs into one file."""
     writes = list(_writes(context))
     # No file has a NUL in its name; what a model file names may.
     reads = [(read, identity(read.path)) for read in _reads(context) if "\0" not in read.path]

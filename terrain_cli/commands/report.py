@@ -52,7 +52,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     """
     from terrain_cli import models
     from terrain_cli.improvement import compared
-    from terrain_cli.improvement.model_alternatives import alternatives
+    from terrain_cli.improvement.change_trial import alternatives
     from terrain_cli.views import report
 
     given = context.params
@@ -67,12 +67,10 @@ def command(context: click.Context, /, **_: Any) -> None:
         )
         progress.advance()
         say = partial(progress.say, given["output"])
-        further = [report.history(file.history)]
-        asked = comparison_options.repeated(context, given["model"])
+        parts: dict[str, Any] = {"models": choices, "further": [report.history(file.history)]}
+        parts |= {"asked": comparison_options.repeated(context, given["model"]), "progress": say}
         if given["output"] != "-":
-            report.write(
-                comparison, given["output"], models=choices, further=further, asked=asked, progress=say
-            )
+            report.write(comparison, given["output"], **parts)
             return
-        text = report.page(comparison, models=choices, further=further, asked=asked, progress=say)
+        text = report.page(comparison, **parts)
     click.echo(text, nl=False)

@@ -14,7 +14,6 @@ from terrain_cli.errors import ConfigurationError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from terrain_cli.simulation import SimulatedLog
 
 _EFFECT = re.compile(r"(?P<name>.+?)(?::(?P<values>[^:/\\]*=[^:/\\]*))?")
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
@@ -138,8 +137,15 @@ def command(context: click.Context, /, **_: Any) -> None:
     bag = kind in simulation_files.BAGS
     log = simulation.drive(given["drive_file"], _settings(given), hide=given["hide"], bag=bag)
     simulation_files.write(log, given["output"], truth=truth, rover=rover)
-    if not given["quiet"]:
-        _tell(log, given, truth, rover)
+    if given["quiet"]:
+        return
+    where = "standard output" if given["output"] == "-" else given["output"]
+    click.echo(f"{where}: {log.scenario.summary}", err=True)
+    if rover:
+        click.echo(f"{rover}: the rover file that fits", err=True)
+    if truth:
+        hidden = ", the hidden effect included: whoever opens it can read it" if given["hide"] else ""
+        click.echo(f"{truth}: the truth{hidden}", err=True)
 
 
 def _name_outputs(context: click.Context) -> None:
@@ -242,14 +248,3 @@ def _rover_beside(given: Mapping[str, Any]) -> str | None:
     if not given["quiet"]:
         click.echo(f"{beside} is yours and was left as it is: --rover FILE writes one that fits", err=True)
     return None
-
-
-def _tell(log: SimulatedLog, given: dict[str, Any], truth: str | None, rover: str | None) -> None:
-    """Say what was written; of a hidden effect only where it stands."""
-    where = "standard output" if given["output"] == "-" else given["output"]
-    click.echo(f"{where}: {log.scenario.summary}", err=True)
-    if rover:
-        click.echo(f"{rover}: the rover file that fits", err=True)
-    if truth:
-        hidden = ", the hidden effect included: whoever opens it can read it" if given["hide"] else ""
-        click.echo(f"{truth}: the truth{hidden}", err=True)

@@ -54,10 +54,7 @@ _DERIVED = {"wheel_angle": {"angular_velocity"}, "rut_slope": {"sinkage", "veloc
 
 
 def catalogue() -> dict[str, Effect]:
-    """Return every effect that can be named, by id: the program's, then those of other packages.
-
-    ConfigurationError where one of those cannot be loaded, or has the id of one that is there.
-    """
+    """Return every effect by id, those of other packages last; ConfigurationError where one is at fault."""
     from importlib import metadata
 
     effects = {name: _own(name) for name in NAMES}

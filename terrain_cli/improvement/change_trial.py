@@ -1,10 +1,10 @@
-"""A change of a model, tried on held-out blocks."""
+"""Models on the same windows and blocks: before and after a change, and those to choose from."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.long_logs import notes
-from terrain_cli.vocabulary.quantities import counted
+from terrain_cli.vocabulary.quantities import counted, listed
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.joined_inputs import with_inputs
 
@@ -35,11 +35,6 @@ if TYPE_CHECKING:
     Place = tuple[str, str, int]
 
 
-def joined(wheels: Sequence[Windows], *files: ModelFile) -> list[Windows]:
-    """Join the inputs of each wheel: an effect has one value for a wheel. What effects use is computed."""
-    return joined_inputs.by_wheel(wheels, [effect for file in files for effect in file.model.effects])
-
-
 def fitted(
     wheels: Sequence[Windows],
     file: ModelFile,
@@ -49,11 +44,7 @@ def fitted(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Compare a model file with the joined windows of some wheels of one rover, on the blocks of `like`.
-
-    `soils` are of the same windows and file; without options if not given. Effects that the model does not
-    have are scored where that is asked for.
-    """
+    """Compare a model file with joined windows of wheels of one rover, on the blocks of `like`."""
     settings = FitSettings.of(wheels, file)
     missing = alarm.missing_effects(file)
     further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
@@ -85,21 +76,28 @@ def tried(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Step:
-    """Fit a model without and with a change, and compare both on blocks left out of the fit.
+    """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out."""
+    # An effect has one value for a wheel, in all of its inputs.
+    effects = [effect for file in (before, after) for effect in file.model.effects]
+    parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
 
-    `first` is the comparison of the model before with the same windows, if it is there already. The step is
-    not kept yet.
-    """
-    parts, wheels = wheels, joined(wheels, before, after)
-    if first is None:
-        first = fitted(wheels, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
-    second = fitted(wheels, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}"))
+    def fit(
+        what: str, file: ModelFile, some: Sequence[Windows] = wheels, like: Comparison | None = None
+    ) -> Comparison:
+        return fitted(some, file, like=like, seed=seed, progress=lambda step: progress(f"{what}{step}"))
+
+    first = fit("before: ", before) if first is None else first
+    second = fit("after: ", after, like=first)
     if first.blocks < comparison_criteria.FEWEST_BLOCKS:
         # What is missing is remembered longer than noise: the better model tells how long that is.
-        own = fitted(wheels, after, seed=seed, progress=lambda step: progress(f"after, anew: {step}"))
+        own = fit("after, anew: ", after)
         if own.blocks > first.blocks:
-            first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
-    first, second, told = _on_the_same_soils(first, second, action, before, after, seed, progress)
+            first, second = fit("", before, like=own), own
+    progress("one soil or several")
+    windows, told = _needed_soils(first, second, action, before, after)
+    if told:
+        first = fit("before: ", before, windows)
+        second = fit("after: ", after, windows, like=first)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
@@ -129,40 +127,27 @@ def tried(
     )
 
 
-def _on_the_same_soils(
-    first: Comparison,
-    second: Comparison,
-    action: Action,
-    before: ModelFile,
-    after: ModelFile,
-    seed: int,
-    progress: Callable[[str], None],
-) -> tuple[Comparison, Comparison, list[str]]:
-    """Compare two models on the soils that the one with the effect needs.
+def _needed_soils(
+    first: Comparison, second: Comparison, action: Action, before: ModelFile, after: ModelFile
+) -> tuple[Sequence[Windows], list[str]]:
+    """Return the soils that the model with the effect needs, and what is said of them if they are others.
 
     Without an effect, new soils can stand for it: then it would seem to be worth nothing. And where a
     soil steps that no window tells apart, no effect would be worth anything.
     """
-    progress("one soil or several")
     if action == "remove":
-        windows, told = several_soils.as_needed(first, before)
-    else:
-        ratio = weigh(first, second)[1].overall
-        new = [one for one in after.model.effects if one not in before.model.effects]
-        windows, told = several_soils.as_needed(
-            second, after, without=before, effects=[] if ratio.high < 1.0 else new
-        )
-        if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
-            # With fewer soils it predicts better: what it is worth shows on these.
-            enough = counted(_soils(second), "soil")
-            names = " and ".join(one.id for one in new)
-            told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
-    if told:
-        first = fitted(windows, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
-        second = fitted(
-            windows, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}")
-        )
-    return first, second, told
+        return several_soils.as_needed(first, before)
+    ratio = weigh(first, second)[1].overall
+    new = [one for one in after.model.effects if one not in before.model.effects]
+    windows, told = several_soils.as_needed(
+        second, after, without=before, effects=[] if ratio.high < 1.0 else new
+    )
+    if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
+        # With fewer soils it predicts better: what it is worth shows on these.
+        enough = counted(_soils(second), "soil")
+        names = " and ".join(one.id for one in new)
+        told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
+    return windows, told
 
 
 def _places(parts: Sequence[Windows], wheels: Sequence[Windows]) -> list[Place]:
@@ -229,10 +214,7 @@ def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) 
 
 
 def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:
-    """Return the p-value of all parameters of some effects being at their null values.
-
-    NaN where they have none that is estimated, or one is held at another value.
-    """
+    """Return the p-value of some effects being absent; NaN where none is estimated, or one held elsewhere."""
     held = {name: own.null for name, own in file.model.parameters.items() if name in file.fixed}
     if any(name.partition(".")[0] in changed and file.fixed[name] != null for name, null in held.items()):
         return np.nan
@@ -295,3 +277,45 @@ def _lost(first: Comparison, second: Comparison, places: Sequence[Place]) -> Ite
     for place, was, now in zip(places, before, after, strict=True):
         if was == "ok" != now:
             yield Lost(*place, was, now)
+
+
+class Alternative(NamedTuple):
+    """A model that a reader may choose to look at."""
+
+    label: str
+    comparison: Comparison
+    own: bool = False  # Whether it is the model that was asked for
+
+
+def alternatives(
+    wheels: Sequence[Windows],
+    file: ModelFile,
+    own: Comparison,
+    *,
+    candidates: int,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[Alternative]:
+    """Fit a model effect by effect, on the blocks of `own`, and with each further one that scores name."""
+    modulus = wheels[0].samples.geometry.shear_modulus
+
+    def compared(label: str, other: ModelFile) -> Alternative:
+        progress(label)
+        return Alternative(label, fitted(wheels, other, like=own, seed=seed))
+
+    ids = [effect.id for effect in file.model.effects]
+    steps = [
+        compared(_named(file, ids[:count]), models.removed(file, ids[count:], modulus).file)
+        for count in range(len(ids))
+    ]
+    scores = own.scores() if own.scores else None
+    missing = scores.effects[:candidates] if scores and scores.raised else ()
+    return [
+        *steps,
+        Alternative(_named(file, ids), own, own=True),
+        *(compared(f"+ {name}", models.added(file, [name], modulus).file) for name in missing),
+    ]
+
+
+def _named(file: ModelFile, ids: Sequence[str]) -> str:
+    return f"{file.model.base}{f' with {listed(ids)}' if ids else ''}"

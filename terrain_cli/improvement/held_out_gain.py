@@ -67,10 +67,7 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
 
 
 def _sums(first: Comparison, second: Comparison, names: list[str]) -> tuple[Array, float]:
-    """Sum up block by block, and return the share of samples that are not predicted any more.
-
-    The sums have shape (blocks, channels, 3): squares before, squares after, and samples.
-    """
+    """Sum squares before, after, and samples, (blocks, channels, 3); and the share not predicted any more."""
     count = 1 + max(int(wheel.blocks.max(initial=0)) for wheel in first.wheels)
     sums = np.zeros((count, len(names), 3))
     predicted = missing = 0
@@ -83,7 +80,10 @@ def _sums(first: Comparison, second: Comparison, names: list[str]) -> tuple[Arra
             known = there & np.isfinite(after)
             predicted += int(there.sum())
             missing += int(there.sum() - known.sum())
-            squares = before**2, after**2 + _other_noise(first, second, name), np.ones(len(known))
+            more = first.channels[name].noise ** 2 - second.channels[name].noise ** 2
+            # By so much more noise is in squares of the first, where bases differ.
+            noise = more if _other_base(first, second) and np.isfinite(more) else 0.0
+            squares = before**2, after**2 + noise, np.ones(len(known))
             for k, values in enumerate(squares):
                 sums[:, column, k] += np.bincount(a.blocks[known], values[known], count)
     return sums[sums[..., 2].sum(axis=1) > 0.0], missing / predicted if predicted else 0.0
@@ -103,14 +103,6 @@ def _judging(comparison: Comparison) -> Iterator[Mask]:
 
 def _other_base(first: Comparison, second: Comparison) -> bool:
     return first.wheels[0].model.base != second.wheels[0].model.base
-
-
-def _other_noise(first: Comparison, second: Comparison, name: str) -> float:
-    """Return by how much more the noise of a channel is in squares of the first, where bases differ."""
-    if not _other_base(first, second):
-        return 0.0
-    more = first.channels[name].noise ** 2 - second.channels[name].noise ** 2
-    return more if np.isfinite(more) else 0.0
 
 
 def _roots(sums: Array) -> Array:

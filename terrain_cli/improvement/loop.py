@@ -38,10 +38,8 @@ def until_quiet(
     these whose held-out error falls. That proves nothing against the others, which may pay too: the step
     names them, and the drive that would tell. When the alarm is silent, or nothing pays, every effect that
     was added is taken out again by way of trial, and stays out unless the held-out error rises. `draft`
-    writes the file of an effect for what no candidate explains, and returns its path, beginning in the folder
-    of the model file, as do `paths` of candidates that are not in the catalogue; without it the loop ends
-    there. Stretches that are kept aside are not shown to `diagnose`. Yields every change that was tried, kept
-    or not, and at last where it ended.
+    writes the file of an effect for what no candidate explains; without it the loop ends there. Paths begin
+    in the folder of the model file. Yields every change that was tried, and at last where it ended.
     """
     modulus = wheels[0].samples.geometry.shear_modulus
     named = dict(paths or {})

@@ -76,17 +76,15 @@ def made_by(file: ModelFile, shear_modulus: float) -> list[Assumption]:
 
 
 def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
-    """Return a model without an assumption.
-
-    A k that only the base linear holds, not the file, is estimated by wong-reece.
-    """
+    """Return a model without an assumption; a k that only the base linear holds is then estimated."""
     _check(name)
     held = _held(file, shear_modulus)
     if name == STRESSES and file.model.base == "linear":
         return replace(file, model=Model("wong-reece", file.model.effects))
     if name == MODULUS and held is not None:
         expected = Prior.factor(held, K_FACTOR)
-        prior = Prior(_short(expected.mean), _short(expected.sd))
+        # Numbers that a person can read in the file.
+        prior = Prior(float(f"{expected.mean:.4g}"), float(f"{expected.sd:.4g}"))
         return replace(file, fixed=_without_k(file.fixed), priors={**file.priors, _K: prior})
     raise UsageError(f"the model does not make the assumption {name}", hint="terrain-est model show tells")
 
@@ -125,11 +123,6 @@ def _held(file: ModelFile, shear_modulus: float) -> float | None:
     return shear_modulus if file.model.base == "linear" and not said else None
 
 
-def _short(value: float) -> float:
-    """Return a number that a person can read in the file."""
-    return float(f"{value:.4g}")
-
-
 def _without_k(table: Mapping[str, T]) -> dict[str, T]:
     return {name: value for name, value in table.items() if name != _K}
 
@@ -160,11 +153,7 @@ def moved(file: ModelFile, path: Path) -> ModelFile:
 
 
 def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Changed:
-    """Add effects, or lift assumptions of the base.
-
-    `names` are ids of the catalogue or of assumptions, or paths of effect files that begin in the folder of
-    the model file. `shear_modulus` is the k of rover.toml in m.
-    """
+    """Add effects, by id or by path from the folder of the model file, or lift assumptions of the base."""
     # A base without its assumptions may take effects that it does not take with them. That of k comes
     # first: with the full stresses k is no longer assumed.
     for name in [*ASSUMPTIONS][::-1]:
@@ -195,8 +184,8 @@ def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Chan
         ids.append(gone)
         file = replace(
             file,
-            model=Model(file.model.base, _without(file.model.effects, place)),
-            effects=_without(file.effects, place),
+            model=Model(file.model.base, tuple(one for one in file.model.effects if one.id != gone)),
+            effects=(*file.effects[:place], *file.effects[place + 1 :]),
             fixed=_others(file.fixed, gone),
             priors=_others(file.priors, gone),
         )
@@ -224,10 +213,6 @@ def _place(file: ModelFile, name: str) -> int:
         f"the model has no effect {name}{nearest(name, ids)}",
         hint=f"it has {', '.join(ids)}" if ids else "it has none",
     )
-
-
-def _without(several: tuple[T, ...], place: int) -> tuple[T, ...]:
-    return (*several[:place], *several[place + 1 :])
 
 
 def _others(table: Mapping[str, T], effect: str) -> dict[str, T]:

@@ -1,7 +1,4 @@
-"""Model files, read strictly and written: new ones with comments, old ones with what their user wrote.
-
-Every key and parameter must be known, and every value possible.
-"""
+"""Model files, read strictly and written: new ones with comments, old ones with what their user wrote."""
 
 from __future__ import annotations
 
@@ -171,10 +168,7 @@ def find_effect(name: str, folder: Path = Path()) -> Effect:
 
 
 def flat(table: Any, place: str) -> Iterator[tuple[str, Any, str]]:
-    """Flatten a table of parameters, in which effects may have tables of their own.
-
-    Of ``{"slip-sinkage.n1": 0.4}`` or ``{"slip-sinkage": {"n1": 0.4}}``: qualified name, value and place.
-    """
+    """Flatten a table in which effects may have tables of their own: qualified name, value and place."""
     for name, value, where in toml_files.each(table, place):
         if isinstance(value, dict) and not {"mean", "sd"} & value.keys():
             for inner, number, inside in toml_files.each(value, where):
@@ -246,11 +240,7 @@ _FILE = toml_files.table(
 
 
 def save(file: ModelFile, path: str | Path) -> None:
-    """Write a model file whole, or leave the old one as it was.
-
-    Where it was read from a file, only what has changed since is written anew: comments and order
-    stay.
-    """
+    """Write a model file whole or not at all; of one that was read, comments and order stay."""
     content = edited(file) if file.text else new(file)
     with formats.replacing(str(path)) as temporary, open(temporary, "w", encoding="utf-8") as target:  # noqa: PTH123
         target.write(content)

@@ -162,10 +162,7 @@ def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:
 
 
 def _change(step: Step) -> dict[str, Any]:
-    """Return what a change did to the errors, with the keys of docs/model.md.
-
-    Parameters are in the units of the model file.
-    """
+    """Return what a change did to the errors, by the keys of docs/model.md, in units of the model file."""
     return {
         "format": FORMAT,
         "action": step.action,
@@ -181,7 +178,10 @@ def _change(step: Step) -> dict[str, Any]:
         "channels": {one.name: model_history.channel(one) for one in step.channels},
         "ratio": model_history.number(step.evidence.overall.value),
         "ratio_interval": model_history.ends(step.evidence.overall),
-        "parameters": [_parameter(one) for one in step.parameters],
+        "parameters": [
+            asdict(one) | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
+            for one in step.parameters
+        ],
         "absent_p_value": model_history.number(step.absent),
         "imitates": [one.name for one in step.imitates],
         "idle": [one._asdict() for one in step.idle],
@@ -241,10 +241,6 @@ def _failures(comparison: Comparison) -> list[dict[str, Any]]:
         {"channel": one.channel, "driver": one.driver or None, "sentence": one.sentence}
         for one in comparison.failures
     ]
-
-
-def _parameter(one: Estimated) -> dict[str, Any]:
-    return asdict(one) | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
 
 
 def _shift(one: Shift) -> dict[str, Any]:

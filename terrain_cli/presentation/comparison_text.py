@@ -10,6 +10,7 @@ import numpy as np
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
+from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted, known, short
 
@@ -144,7 +145,7 @@ def _parameters(wheel: WheelComparison) -> dict[str, Any]:
 
 
 def _segments(wheel: WheelComparison, soils: WindowEstimates) -> Iterator[dict[str, Any]]:
-    bounds = wheel.segments.bounds
+    bounds, soil = wheel.segments.bounds, in_units(soils, SOIL[:4])
     for j in range(len(wheel.segments)):
         part = slice(bounds[j], bounds[j + 1])
         yield {
@@ -153,10 +154,7 @@ def _segments(wheel: WheelComparison, soils: WindowEstimates) -> Iterator[dict[s
             "segment": j + 1,
             "samples": int(bounds[j + 1] - bounds[j]),
             "status": str(soils.status[j]),
-            "c_kPa": known(soils.c[j] / 1e3),
-            "c_se_kPa": known(soils.c_se[j] / 1e3),
-            "phi_deg": known(math.degrees(soils.phi[j])),
-            "phi_se_deg": known(math.degrees(soils.phi_se[j])),
+            **{name: known(values[j]) for name, values in soil.items()},
             **{
                 name: _of_segment(series.measured[part] - series.predicted[part])
                 for name, series in wheel.series.items()
@@ -221,7 +219,10 @@ def _text_of_one(comparison: Comparison, asked: Asked | None) -> str:
         ]
         for name, errors in comparison.channels.items()
     ]
-    lines += [*aligned([head, *rows]), "", *_failures(comparison)]
+    lines += [*aligned([head, *rows]), ""]
+    if comparison.failures:
+        told = [_told(finding, comparison) for finding in comparison.failures]
+        lines += ["where it fails, the strongest first:", *told, ""]
     lines += [f"note: {warning}" for warning in comparison.warnings]
     lines += [concluded(comparison, asked).sentence]
     return "\n".join(lines)
@@ -233,14 +234,6 @@ def title(comparison: Comparison) -> str:
     segments = sum(len(wheel.segments) for wheel in comparison.wheels)
     data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
     return f"model {named(comparison)} against {data}"
-
-
-def _failures(comparison: Comparison) -> list[str]:
-    """Write a heading and each finding, if there are any."""
-    if not comparison.failures:
-        return []
-    head = "where it fails, the strongest first:"
-    return [head, *(_told(finding, comparison) for finding in comparison.failures), ""]
 
 
 def _told(finding: Finding, comparison: Comparison) -> str:

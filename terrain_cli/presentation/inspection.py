@@ -49,11 +49,7 @@ _WIDTH = 100
 def inspect(
     path: str, rover: Rover, *, wheels: Collection[str] = (), salvage: bool = False
 ) -> dict[str, Any]:
-    """Look into one input, with `salvage` into what is left of a damaged one; ready for JSON.
-
-    Where the channels cannot be told, it holds the streams and the problem. FormatError if it cannot be
-    opened.
-    """
+    """Look into one input, ready for JSON; the problem stands where its channels cannot be told."""
     source = formats.open_source(path, salvage=salvage)
     document: dict[str, Any] = {
         "source": source.path,

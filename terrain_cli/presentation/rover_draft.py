@@ -56,11 +56,7 @@ class RoverDraft(NamedTuple):
 
 
 def draft(source: Source) -> RoverDraft:
-    """Write the rover file of a log, as far as the log tells.
-
-    Every field that is read as a channel has its line. A line is a comment where only the user can tell what
-    is meant.
-    """
+    """Write the rover file of a log; a line is a comment where only the user can tell what is meant."""
     left = ["radius", "width", "shear_modulus"]
     name = "the standard input" if source.path == "-" else in_line(source.path)
     try:

@@ -67,7 +67,9 @@ def topics(table: Table, crs: str | None = None, before: Iterable[str] = ()) -> 
         result.append(Topic(f"/terrain/{name}/estimate", SEGMENT, times, fields, definition))
         known, places = _places(table, rows, ends)
         if crs is not None and known.any():
-            result.append(Topic(f"/terrain/{name}/fix", FIX, times[known], _fix(places[known], crs)))
+            fix = {"header.frame_id": crs, "altitude": np.nan}
+            fix |= {"longitude": places[known, 0], "latitude": places[known, 1]}
+            result.append(Topic(f"/terrain/{name}/fix", FIX, times[known], fix))
     return result
 
 
@@ -124,10 +126,6 @@ def _places(table: Table, rows: Index, ends: Index) -> tuple[Mask, Array]:
     return np.isfinite(places).all(axis=1), places
 
 
-def _fix(places: Array, crs: str) -> dict[str, Any]:
-    return {"header.frame_id": crs, "longitude": places[:, 0], "latitude": places[:, 1], "altitude": np.nan}
-
-
 def check(output: str | None, samples: str | None = None, crs: str | None = None) -> None:
     """Check before the work whether its results can be written, by the endings and the reference system."""
     kinds = {result_kind(path) for path in (output, samples) if path}
@@ -146,11 +144,7 @@ def check(output: str | None, samples: str | None = None, crs: str | None = None
 def write(
     table: Table, output: str | None, crs: str | None, samples: tuple[Table, str] | None = None
 ) -> None:
-    """Write segments, and samples if there are any, the segments last: what reads them may stop early.
-
-    The `output` "-" is the standard output, None nothing. Samples go into the GeoPackage of the segments as
-    its second layer, if it is the same file.
-    """
+    """Write samples if there are any, and segments last: what reads them may stop early. None is nothing."""
     both = samples is not None and output is not None and together(output, samples[1])
     if samples and not both:
         formats.write_table(samples[0], samples[1], crs=crs, layer="samples", graduated=STYLES)

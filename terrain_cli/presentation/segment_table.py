@@ -32,6 +32,13 @@ COLUMNS = (
     *("stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
     *("x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
 )
+#: What each window's estimate gives, with its unit at the end of the name.
+SOIL = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "corr_c_phi")
+_ESTIMATED = (
+    *(*SOIL, "c_ls_kPa", "phi_ls_deg", "c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number"),
+    *("sigma_star_kPa", "strength_kPa", "strength_se_kPa", "stress_kPa"),
+    *("strength_at_stress_kPa", "strength_at_stress_se_kPa"),
+)
 #: Of a table of samples: channel → column.
 _SAMPLE_COLUMNS = {
     "load": "load_N",
@@ -75,20 +82,8 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "n_rejected": _rejected(windows),
         "method": _texts(estimates.method),
         "status": _texts(estimates.status),
-        **_soil(estimates),
-        "c_ls_kPa": estimates.c_ls / 1e3,
-        "phi_ls_deg": np.degrees(estimates.phi_ls),
-        "c_ridge_kPa": estimates.c_ridge / 1e3,
-        "phi_ridge_deg": np.degrees(estimates.phi_ridge),
-        "delta": estimates.delta,
-        "condition_number": estimates.condition_number,
+        **in_units(estimates, _ESTIMATED),
         "k_mm": estimates.shear_modulus * 1e3,
-        "sigma_star_kPa": estimates.sigma_star / 1e3,
-        "strength_kPa": estimates.strength / 1e3,
-        "strength_se_kPa": estimates.strength_se / 1e3,
-        "stress_kPa": estimates.stress / 1e3,
-        "strength_at_stress_kPa": estimates.strength_at_stress / 1e3,
-        "strength_at_stress_se_kPa": estimates.strength_at_stress_se / 1e3,
         "torque_rmse_Nm": estimates.torque_rmse,
         **{
             f"{name}_{unit}": nothing if (channel := place[name]) is None else channel[middle]
@@ -99,14 +94,18 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
     return {name: values[name] for name in COLUMNS}
 
 
-def _soil(estimates: Any) -> Table:
-    return {
-        "c_kPa": estimates.c / 1e3,
-        "c_se_kPa": estimates.c_se / 1e3,
-        "phi_deg": np.degrees(estimates.phi),
-        "phi_se_deg": np.degrees(estimates.phi_se),
-        "corr_c_phi": estimates.corr,
-    }
+def in_units(found: Any, columns: Sequence[str]) -> Table:
+    """Return what an estimate gives by columns, whose names are its own with the unit behind them."""
+    result: Table = {}
+    for column in columns:
+        name, _, unit = column.rpartition("_")
+        if unit == "kPa":
+            result[column] = getattr(found, name) / 1e3
+        elif unit == "deg":
+            result[column] = np.degrees(getattr(found, name))
+        else:
+            result[column] = getattr(found, "corr" if column == "corr_c_phi" else column)
+    return result
 
 
 def _texts(values: NDArray[np.str_]) -> list[str]:
@@ -128,10 +127,7 @@ def _terrain(windows: Windows) -> list[str]:
 
 
 def _rejected(windows: Windows) -> Index:
-    """Count the samples set aside, each with the window before it (the first also those ahead of it).
-
-    So that used and rejected samples of all windows add up to the samples read.
-    """
+    """Count the samples set aside, each with the window before it, so that used and rejected ones add up."""
     codes = windows.samples.set_aside.codes
     if not (codes >= 0).any():
         return np.zeros(len(windows), dtype=np.intp)
@@ -162,11 +158,7 @@ def _tracks(windows: Windows) -> list[str]:
 
 
 def reference_system(table: Table, crs: str | None) -> str | None:
-    """Return the reference system of a table's geometry.
-
-    None for a site frame, which stays one whatever is asked for: its x and y are no longitudes. WGS 84 for
-    longitudes of which nothing else is said.
-    """
+    """Return the reference system of a geometry; None for a site frame, whose x and y are no longitudes."""
     return (crs or "EPSG:4326") if np.isfinite(table["longitude_deg"]).any() else None
 
 
@@ -183,11 +175,7 @@ def wkt(points: Array) -> str:
 
 
 def join(tables: Sequence[Table]) -> Table:
-    """Put the rows of several wheels and inputs under one another.
-
-    One reference system holds for all geometry: where some have longitudes and latitudes, tracks in x and y
-    of a site frame are left out.
-    """
+    """Put rows under one another; beside longitudes, tracks in x and y of a site frame are left out."""
     if len(tables) == 1:
         # The rows of a long log with short windows take gigabytes.
         return tables[0]
@@ -264,15 +252,12 @@ def trace(windows: Windows) -> Table:
     return {
         **_in_segments(windows),
         "time_s": _times(windows.samples, windows.rows),
-        **_soil(assumed.trace(windows)),
+        **in_units(assumed.trace(windows), SOIL),
     }
 
 
 def posterior_table(windows: Windows, estimates: WindowEstimates, joint: Sequence[JointPosterior]) -> Table:
-    """Return the joint posteriors of one wheel: rows of the kind "grid", then of the kind "parameter".
-
-    `log_posterior` is 0 where it is greatest, `probability` that of the cell; NaN or "" where a row has none.
-    """
+    """Return the joint posteriors of one wheel: rows of the kind "grid", then of the kind "parameter"."""
 
     def rows(kind: str, window: int, columns: Table) -> Table:
         n = len(next(iter(columns.values()), ()))

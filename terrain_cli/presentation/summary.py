@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import counted, known
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.estimation import PooledEstimate, WindowEstimates
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.vocabulary.arrays import Array, Index
 
@@ -25,11 +26,7 @@ COLUMNS = ("terrain", "wheel", "distance_m", "n_samples", "n_rejected")
 def document(
     table: Table, estimates: WindowEstimates, accounts: Sequence[dict[str, Any]], settings: dict[str, Any]
 ) -> dict[str, Any]:
-    """Summarise the segments of one or more inputs, of whose table `COLUMNS` are enough.
-
-    Means and spreads are over the windows that tell c from φ; `pooled` is over all windows of a terrain and
-    wheel.
-    """
+    """Summarise segments: means of windows that tell c from φ; `pooled` is of all of a terrain and wheel."""
     return {
         "format": FORMAT,
         "settings": settings,
@@ -71,19 +68,11 @@ def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, r
         "keq_kPa_per_m_n": _mean_and_spread(estimates.stiffness[long] / 1e3),
         "pooled": {
             "windows": pooled.windows,
-            "c_kPa": known(pooled.c / 1e3),
-            "c_se_kPa": known(pooled.c_se / 1e3),
-            "phi_deg": _degrees(pooled.phi),
-            "phi_se_deg": _degrees(pooled.phi_se),
-            "corr_c_phi": known(pooled.corr),
-            "sigma_star_kPa": known(pooled.sigma_star / 1e3),
-            "strength_kPa": known(pooled.strength / 1e3),
-            "strength_se_kPa": known(pooled.strength_se / 1e3),
+            **_known(pooled, (*SOIL, "sigma_star_kPa", "strength_kPa", "strength_se_kPa")),
             "stress_kPa": known(stress / 1e3),
             "strength_at_stress_kPa": known(mapped / 1e3),
             "strength_at_stress_se_kPa": known(mapped_se / 1e3),
-            "strength_between_kPa": known(pooled.strength_between / 1e3),
-            "phi_between_deg": _degrees(pooled.phi_between),
+            **_known(pooled, ("strength_between_kPa", "phi_between_deg")),
         },
     }
 
@@ -96,15 +85,12 @@ def _mean_and_spread(values: Array) -> dict[str, float | None]:
     }
 
 
-def _degrees(angle: float) -> float | None:
-    return known(float(np.degrees(angle)))
+def _known(pooled: PooledEstimate, columns: Sequence[str]) -> dict[str, float | None]:
+    return {name: known(value) for name, value in in_units(pooled, columns).items()}
 
 
 def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:
-    """Write a summary for a person; `verbose` says where each channel comes from.
-
-    Soils that nobody named are listed segment by segment: what is pooled over them belongs to none.
-    """
+    """Write a summary; segments of soils that nobody named are listed: what is pooled of them is no soil."""
     lines = []
     for entry in summary["inputs"]:
         for wheel in entry["wheels"]:

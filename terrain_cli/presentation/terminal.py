@@ -1,7 +1,4 @@
-"""Safe output, and the progress on a terminal.
-
-Control characters are escaped, faults of the terminal stop no work, and JSON has no NaN.
-"""
+"""Safe output and progress: control characters escaped, faults of the terminal harmless, no NaN in JSON."""
 
 from __future__ import annotations
 
@@ -65,9 +62,9 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
     ]
 
 
-def say(text: str = "") -> None:
-    """Write what people read to the standard output."""
-    click.echo(escaped(text))
+def say(result: str | Mapping[str, Any] = "") -> None:
+    """Write what people read to the standard output, or a document as JSON."""
+    click.echo(escaped(result) if isinstance(result, str) else as_json(result))
 
 
 def complain(message: str, hint: str) -> None:
@@ -97,11 +94,7 @@ class Screen(io.TextIOWrapper):
 
 @contextmanager
 def prepared() -> Iterator[None]:
-    """Make the best of the standard streams while a command runs.
-
-    Data are UTF-8 whatever the locale. Where one was closed by who started the command, no other file takes
-    its place.
-    """
+    """Run a command with standard streams in UTF-8, whose numbers no other file takes where one is closed."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -143,11 +136,7 @@ def as_json(document: Mapping[str, Any]) -> str:
 
 
 class Progress:
-    """Shows how many inputs are done and what is being done now.
-
-    Drawn only on a terminal, only after a second, and wiped when the work ends. What is told stays, and is
-    written to a file or a pipe too.
-    """
+    """Shows on a terminal, after a second, what is done; what is told stays, in a file or a pipe too."""
 
     def __init__(self, total: int, *, enabled: bool = True) -> None:
         self._total, self._enabled = total, enabled

@@ -1,7 +1,4 @@
-"""Segments as they are shown: names, groups, tracks, ellipses, strength lines; and moments under the rim.
-
-Whatever estimated the soil, its table has the columns of `segment_table.COLUMNS`.
-"""
+"""Segments as they are shown: names, groups, tracks, ellipses, strength lines; moments under the rim."""
 
 from __future__ import annotations
 
@@ -66,10 +63,7 @@ def geographic(table: Table) -> bool:
 
 
 def frame(table: Table, points: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Return the part of the plane that a map shows, and how long a unit upwards is in units across.
-
-    The narrow side is at least a third of the long one, for labels to have room.
-    """
+    """Return what a map shows, a third as wide as long at least, and a unit upwards in units across."""
     stretch = 1.0 / float(np.cos(np.radians(points[:, 1].mean()))) if geographic(table) else 1.0
     across, up = (shown_samples.limits(points[:, axis], margin=0.06) for axis in (0, 1))
     width, height = across[1] - across[0], (up[1] - up[0]) * stretch
@@ -91,10 +85,7 @@ def ellipse(table: Table, row: int, points: int = 60) -> Array:
 
 
 def estimate_limits(table: Table) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges of c in kPa and φ in degrees in which the estimates can be seen.
-
-    The ellipses of what the drive does not separate may reach beyond, unless there are no others.
-    """
+    """Return ranges of c (kPa) and φ (°), beyond which ellipses of what is not separated may reach."""
     sure = np.array([status == "ok" for status in table["status"]])
     c = _limits(table, "c_kPa", "c_se_kPa", sure, 0.5)
     return c, _limits(table, "phi_deg", "phi_se_deg", sure, 4.0)

@@ -148,10 +148,7 @@ def _by_unit(letter: str, text: str) -> Channel | None:
 
 
 def _readings(header: str) -> Iterator[tuple[str, str, bool]]:
-    """Split a header into a name and the text of a unit in every way it can be read.
-
-    Yields the name, the text, and whether the text stood in brackets.
-    """
+    """Yield every way to read a header: name, text of the unit, whether that stood in brackets."""
     brackets = _BRACKETS.match(header)
     if brackets:
         yield brackets[1], (brackets[2] or brackets[3] or "").strip(), True
@@ -188,10 +185,7 @@ def identify(header: str, *, letters: bool = True, chosen: Collection[str] = ())
 
 
 def _refuse(header: str, name: str, text: str, channel: Channel, *, bracketed: bool) -> None:
-    """Refuse a wrong unit, unless name or unit is too short to be sure that it is meant.
-
-    `T [°C]` is a temperature and no torque, velocity_n points north, torque_min is a minimum.
-    """
+    """Refuse a wrong unit where one is surely meant: T [°C] is a temperature, velocity_n points north."""
     other = units.parse(text)
     if len(name) == 1 or not (other or bracketed):
         return
@@ -217,10 +211,7 @@ def stated_unit(header: str, dimension: str | None = None) -> Unit | None:
 
 
 def resolve(headers: Iterable[str], *, chosen: Collection[str] = ()) -> dict[str, tuple[str, Match]]:
-    """Find the header, and what it says, of each channel; the channel's own name wins over an alias.
-
-    InputError where two headers mean one channel equally well, or one has a wrong unit.
-    """
+    """Find header and match of each channel, its own name first; InputError where two are equally good."""
     headers = list(headers)
     bare = CHANNELS.keys() & set(headers)
     found: dict[str, list[tuple[str, Match]]] = {}

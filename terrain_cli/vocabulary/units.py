@@ -10,12 +10,13 @@ import math
 import re
 import unicodedata
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+Values = TypeVar("Values", float, "NDArray[np.float64]")
 DEGREE = math.pi / 180.0
 STANDARD_GRAVITY = 9.80665
 _FOOT = 0.3048
@@ -32,11 +33,7 @@ class Unit:
     factor: float = 1.0
     offset: float = 0.0
 
-    @overload
-    def to_si(self, values: float) -> float: ...
-    @overload
-    def to_si(self, values: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def to_si(self, values: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
+    def to_si(self, values: Values) -> Values:
         """Return values given in this unit in the program's unit of the same dimension."""
         if self.factor == 1.0 and self.offset == 0.0:
             return values
@@ -158,12 +155,10 @@ def symbols(dimension: str) -> tuple[str, ...]:
 
 
 def parse(text: str, dimension: str | None = None) -> Unit | None:
-    """Find the unit that a text names.
+    """Find the unit that a text names; without a dimension a text with two meanings (``g``) is no unit.
 
-    Case counts where it separates two units. Where the dimension leaves one reading it does
-    not: the ``nm`` of a torque is the newton metre. A capital M is never taken for milli.
-
-    Without a dimension a text with two meanings (``g``) is no unit.
+    Case counts where it separates two units. Where the dimension leaves one reading it does not: the ``nm``
+    of a torque is the newton metre. A capital M is never taken for milli.
     """
     key = _key(text)
     if dimension is None:

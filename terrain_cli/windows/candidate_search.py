@@ -61,11 +61,7 @@ class _Places(NamedTuple):
 
 
 class _Chunks:
-    """Costs of all windows within chunks of places, from which those least in sum are chosen.
-
-    Windows that begin or end at a seam may be shorter than the limits: they go on beyond it. `index`, shape
-    (size + 1, chunks), is from `_chunked`.
-    """
+    """Costs of all windows within chunks of places, from `_chunked`, and those least in sum."""
 
     def __init__(self, places: _Places, limits: Limits, index: Index) -> None:
         self._places, self._index = places, index
@@ -119,21 +115,14 @@ def _allowed(limits: Limits, samples: Index, n: int, a: Index, b: Index) -> Mask
 
 
 def _chunked(places: int, size: int) -> Index:
-    """Part so many places into chunks, shape (size + 1, chunks).
-
-    The last of a chunk is the first of the next, or repeated where there are no more.
-    """
+    """Part places into chunks, shape (size + 1, chunks): the last of one begins the next, or is repeated."""
     chunks = -(-(places - 1) // size)
     index = np.arange(size + 1)[:, None] + size * np.arange(chunks)
     return np.asarray(np.minimum(index, places - 1))
 
 
 def candidates(moments: RunningMoments, limits: Limits, penalty: float) -> tuple[Index, float]:
-    """Search for bounds, from 0 to n, among which all changes of the line are.
-
-    `penalty` is the least gain of a bound, for white noise; by the factor that is returned the noise's
-    correlation raises what a bound gains by chance.
-    """
+    """Search for bounds among which all changes of the line are; return how far noise raises `penalty`."""
     factor = _survey(moments, limits, penalty)
     places = _promising(moments, penalty * factor)
     while True:
@@ -185,9 +174,8 @@ def _finer(moments: RunningMoments, edges: Index, block: Index) -> _Places:
 def _wanders(windows: Array, parts: Array, limit: float) -> Mask:
     """Tell in which windows the residuals about one line do not stay about it.
 
-    `windows`, shape (10, k), are moments, and `parts`, shape (5, m, k), the moments W to XY of the first
-    samples of each, of more and more of them. The limit is of the squared range of the sums of residuals, and
-    of their products with x, in units of the variance of such a sum over the window.
+    `windows`, shape (10, k), are moments, and `parts`, shape (5, m, k), those W to XY of more and more of
+    their first samples. The limit is of the squared range of sums of residuals, over the variance of one.
     """
     slope, _ = line_costs.best_line(windows)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

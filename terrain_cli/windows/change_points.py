@@ -59,10 +59,7 @@ _RIDGE = 1e-10
 
 
 def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
-    """Return one window for each stretch between breaks: samples before which a new run begins, or a gap is.
-
-    Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
-    """
+    """Return bounds of windows, 0 and n among them: one for each stretch between breaks."""
     at = np.asarray(breaks, dtype=np.intp)
     if at.size and (at.min() < 0 or at.max() > n):
         raise ValueError(f"breaks lie between 0 and {n}, not from {at.min()} to {at.max()}")
@@ -99,13 +96,11 @@ def change_points(
     a soil can have (`line_costs`). The same data give the same windows; the time grows with the number of
     samples.
 
-    x and y, shape (n,), in Pa and finite, are samples of one wheel in the order of time, from
-    `mechanics.linear.line_coordinates`; any one scale of both gives the same windows. `breaks` are samples
-    before which the series is interrupted, always bounds: what lies on either side is searched by itself, and
-    a stretch that is shorter than a window may be is a window all the same. `distance`, in m, never falls.
-    `penalty` is what splitting a window must gain, in units of the noise's (long-run) variance. `before`
-    counts the samples of the first stretch that came before these: the longer a stretch, the coarser the
-    first search.
+    x and y, shape (n,), in Pa and finite, are samples of one wheel in the order of time; any scale of both
+    gives the same windows. `breaks` are always bounds: what lies on either side is searched by itself, and a
+    stretch that is shorter than a window may be is a window all the same. `penalty` is what splitting a
+    window must gain, in units of the noise's (long-run) variance. `before` counts the samples of the first
+    stretch that came before these: the longer a stretch, the coarser the first search.
     """
     keep_freed()
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
@@ -119,7 +114,9 @@ def change_points(
     found = [bounds]
     for a, b in pairwise(bounds):
         metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
-        block = _block_length(b - a, before if a == 0 else 0)
+        # 2 samples for hundreds, 3 for a thousand, 10 for 10⁵, then `LONG`.
+        length = max(int(0.57 * (b - a + (before if a == 0 else 0)) ** 0.25 + 0.5), 1)
+        block = LONG if length > _LONGEST and b - a >= _LONG_SAMPLES else min(length, _LONGEST)
         found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
     return np.unique(np.concatenate(found).astype(np.intp))
 
@@ -140,18 +137,8 @@ def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> 
     return Refinement(moments, limits, criteria).settle(bounds)
 
 
-def _block_length(n: int, before: int) -> int:
-    """Return the samples in a block: 2 for hundreds of samples, 3 for a thousand, 10 for 10⁵, then `LONG`."""
-    length = max(int(0.57 * (n + before) ** 0.25 + 0.5), 1)
-    return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)
-
-
 def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: Index) -> Bounds:
-    """Return the bounds that are needed whatever y follows of some drivers.
-
-    x and y are in Pa; drivers that are not known everywhere are passed over. The `fixed` bounds, breaks of
-    the series, stay.
-    """
+    """Return the bounds that are needed whatever y follows of known drivers; the `fixed` ones stay."""
     if len(np.setdiff1d(bounds[1:-1], fixed)) < _LEAST:
         return bounds
     scaled = [one for one in map(_standard, drivers) if one is not None]
@@ -290,12 +277,11 @@ def sinkage_changes(
     min_distance: float,
     before: int = 0,
 ) -> Bounds:
-    """Cut windows further where the sinkage under a load changes.
+    """Cut windows further where the sinkage under a load changes, and `drivers` do not explain it.
 
     A wheel sinks as z ∝ W^m (m = 2 / (2 n + 1), Bekker 1969), which is a line in logarithms: the search is
-    that for the line of a soil. What the sinkage of each window follows of load and slip is taken off first,
-    and no cut stays that `drivers` explain. Arrays are of shape (n,) and in SI; where one is not known
-    everywhere, nothing is cut.
+    that for the line of a soil. What the sinkage of each window follows of load and slip is taken off first.
+    Where an array is not known everywhere, nothing is cut.
     """
     line = _in_logarithms(load, sinkage, slip, bounds)
     if line is None:

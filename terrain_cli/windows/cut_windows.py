@@ -156,12 +156,10 @@ def cut(
 ) -> Windows:
     """Cut the usable samples of a wheel into windows.
 
-    "auto" cuts where the soil changes, into windows of `min_samples` and `window_distance` metres at
-    least; "fixed" every so many samples or metres; "terrain" where the label changes; "none" makes one window
-    for each continuous stretch. Of a table of steady test points, and of samples without torque, "auto" makes
-    one window for each terrain label, or one of all. `before` counts the usable samples of the first stretch
-    that came before these, which are a part of a long log. UsageError tells of "fixed" without a length,
-    InputError of "terrain" without labels, and of metres where no channel gives the distance.
+    "auto" cuts where the soil changes; "fixed" every so many samples or metres; "terrain" where the label
+    changes; "none" makes one window for each continuous stretch. Of steady test points, and without torque,
+    "auto" makes one window for each terrain label, or one of all. `before` counts the usable samples of the
+    first stretch that came before these, which are a part of a long log.
     """
     rows = samples.usable
     labels = samples.labels.get("terrain")
@@ -239,11 +237,7 @@ def fixed_windows(
     distance: ArrayLike | None = None,
     breaks: Breaks = (),
 ) -> Bounds:
-    """Return windows of one length; what is left at the end of a stretch is a window of its own.
-
-    `distance`, metres driven up to each sample, never falls; `metres` needs it. Lengths are counted anew from
-    each break.
-    """
+    """Return windows of one length, counted anew from each break; what is left at its end is one too."""
     bounds = whole_windows(n, breaks=breaks)
     if (samples is None) == (metres is None):
         raise ValueError("give either samples or metres")
@@ -275,11 +269,7 @@ def check_number(source: str, count: int) -> None:
 
 
 def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, Index] | None:
-    """Join the windows of each terrain to one; all of them where there are no terrain labels.
-
-    Every `step`-th sample is taken, ordered by terrain, and it is told which usable sample each of them was.
-    None where every window is on a terrain of its own already.
-    """
+    """Join the windows of each terrain, if not one each, of every `step`-th sample; say which these are."""
     labels, rows = windows.samples.labels.get("terrain"), windows.rows
     terrain = np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
     order = np.argsort(terrain, kind="stable")[::step]
@@ -290,10 +280,7 @@ def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, Index] | None:
 
 
 def thinned(windows: Windows, share: float) -> Windows:
-    """Keep a share of the samples of every window, in unbroken pieces spread evenly over it.
-
-    Of short windows more is kept. Samples of different pieces belong to different stretches.
-    """
+    """Keep a share of every window, more of short ones, in unbroken pieces, each a stretch of its own."""
     kept = []
     for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):
         size = int(stop - start)
@@ -306,11 +293,7 @@ def thinned(windows: Windows, share: float) -> Windows:
 
 
 def pieces(windows: Windows, chosen: Index) -> Windows:
-    """Keep some of the usable samples, rising indices of shape (m,), in the windows that they are of.
-
-    Samples between which others are left out belong to different stretches, and so do those left out. A
-    window of which nothing is left is none.
-    """
+    """Keep some of the usable samples; those between which others are left out are of other stretches."""
     rows, stretch = windows.rows, windows.samples.stretch.copy()
     kept = np.zeros(len(rows), dtype=bool)
     kept[chosen] = True

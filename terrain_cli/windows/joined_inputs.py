@@ -24,11 +24,7 @@ _PAUSE = 1000.0
 
 
 def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
-    """Compute what effects use, where it is not there yet, of samples with every channel and further column.
-
-    Samples in which it is not known are set aside, as reading with the model does. InputError where an effect
-    needs what was not measured, or it is known in no sample.
-    """
+    """Compute what effects use and is not there yet; samples without it are set aside, as reading does."""
     samples = windows.samples
     new = [effect for effect in effects if not samples.drivers.keys() >= {*effect.reads}]
     if not new:
@@ -55,11 +51,7 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
 
 
 def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:
-    """Join what was measured, with every channel, of the same wheel in several inputs.
-
-    One for each wheel and geometry, of which tables of test points and logs are kept apart; each input has
-    runs of its own. What effects need is computed, as far as the channels allow.
-    """
+    """Join inputs of the same wheel and geometry, tables of test points apart, with what effects need."""
     effects = list(effects)
     parts: dict[tuple[object, ...], list[Windows]] = {}
     for known in with_inputs(several, effects):
@@ -72,16 +64,12 @@ def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list
 
 def with_inputs(several: Sequence[Windows], effects: Sequence[Effect]) -> list[Windows]:
     """Compute what effects need of each input, as far as the channels allow."""
-    return [
-        replace(
-            windows,
-            samples=replace(
-                windows.samples,
-                drivers={**windows.samples.drivers, **effect_inputs.of_samples(windows.samples, effects)},
-            ),
-        )
-        for windows in several
-    ]
+    found = []
+    for windows in several:
+        samples = windows.samples
+        drivers = {**samples.drivers, **effect_inputs.of_samples(samples, effects)}
+        found.append(replace(windows, samples=replace(samples, drivers=drivers)))
+    return found
 
 
 def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
@@ -98,15 +86,10 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
     whole.drivers.update(effect_inputs.of_samples(whole, turning))
     starts = np.cumsum([0, *map(len, samples)])
     bounds = np.cumsum([0, *(len(windows.rows) for windows in parts)])
-    return Windows(
-        whole,
-        np.concatenate([windows.rows + at for windows, at in zip(parts, starts, strict=False)]),
-        np.concatenate(
-            [[0], *(windows.bounds[1:] + at for windows, at in zip(parts, bounds, strict=False))]
-        ).astype(np.intp),
-        np.concatenate([windows.x for windows in parts]),
-        np.concatenate([windows.y for windows in parts]),
-    )
+    rows = [windows.rows + at for windows, at in zip(parts, starts, strict=False)]
+    inner = [windows.bounds[1:] + at for windows, at in zip(parts, bounds, strict=False)]
+    x, y = (np.concatenate([getattr(windows, axis) for windows in parts]) for axis in ("x", "y"))
+    return Windows(whole, np.concatenate(rows), np.concatenate([[0], *inner]).astype(np.intp), x, y)
 
 
 def _in_turn(samples: Sequence[Samples]) -> Iterator[Samples]:
@@ -137,9 +120,6 @@ def _labels(samples: Samples, names: Iterable[str], place: str) -> dict[str, Lab
         for name in names
     }
     runs = samples.labels.get("run")
-    found["run"] = (
-        Labels(np.zeros(len(samples), dtype=np.int32), (place,))
-        if runs is None
-        else Labels(runs.codes, tuple(f"{place} {run}" for run in runs.names))
-    )
-    return found
+    if runs is None:
+        return found | {"run": Labels(np.zeros(len(samples), dtype=np.int32), (place,))}
+    return found | {"run": Labels(runs.codes, tuple(f"{place} {run}" for run in runs.names))}

@@ -69,9 +69,8 @@ def best_line(moments: Array, slopes: Slopes | None = None) -> tuple[Array, Arra
     """Find the slope that makes the scatter across the line least, in units of the noise across it.
 
     The structural line of errors in variables: ordinary least squares would take the slope of the noise. The
-    derivative of the ratio is zero where a t² + b t + c = 0, and one root is the minimum. Moments are of
-    shape (10, k); `slopes`, (k,) each, are bounds besides `possible_slopes`. Returned are the slope and the
-    sum of squares across the line, in units of the noise's variance across it, (k,) each.
+    derivative of the ratio is zero where a t² + b t + c = 0, and one root is the minimum. Returned are the
+    slope, within `possible_slopes` and `slopes`, and the sum of squares across in units of that noise.
     """
     xx, xy, yy = scatter(moments)
     noise_xx, noise_xy, noise_yy = moments[NOISE_XX], moments[NOISE_XY], moments[NOISE_YY]
@@ -110,10 +109,8 @@ def split_gain(left: Array, right: Array, slopes: Slopes | None = None) -> tuple
     A score test of one line against two. With t the slope of the one line, g = y − t x is what is across it,
     and ℓ = x + κ g the coordinate along it whose noise is uncorrelated with that of g. Regressing g on ℓ in
     either part gains χ² with two degrees of freedom where one soil lies below both, however far its load has
-    moved along the line and however little it varies in either part. Moments of the parts are of shape (10,
-    k), and `slopes` as for `best_line`. The gain, (k,), is the fall of the sum of squares in units of the
-    noise's variance; the worth, (k,), the gain for each Pa² of the squared distance between two parallel
-    lines.
+    moved along the line and however little it varies in either part. The gain is in units of the noise's
+    variance; the worth is the gain for each Pa² of the squared distance between two parallel lines.
     """
     both = left + right
     slope, _ = best_line(both, slopes)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from formats import Column
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+    from terrain_cli.vocabulary.arrays import Array, Mask
     from terrain_cli.vocabulary.units import Unit
 
 #: The rover motion counter of a Mars mission, by the names that PLACES has.
@@ -65,11 +65,7 @@ class Places:
 
 
 def load(path: str, crs: str | None = None) -> Places:
-    """Read a localisation table, CSV or Parquet; `crs` is that of its longitudes and latitudes.
-
-    Columns are known by their names: those of the channels time, longitude, latitude, x and y with their
-    aliases and units, site, drive and pose, and those of PLACES.
-    """
+    """Read a localisation table, CSV or Parquet; `crs` is that of its longitudes and latitudes."""
     source = formats.open_source(path)
     if not is_table(source):
         raise InputError(f"{path}: a localisation table is CSV or Parquet", hint=_HINT)
@@ -147,10 +143,7 @@ def _of_rover(columns: Mapping[str, Column], frame: str | None) -> Mask | slice:
 
 
 def _latitude(path: str, latitudes: Mapping[str, Array], crs: str | None) -> Array:
-    """Return latitudes as a reference system counts them.
-
-    From the centre, φ', or by the plumb line of the ellipsoid, φ: tan φ' = (b/a)² tan φ.
-    """
+    """Return latitudes from the centre, φ', or by the plumb line, φ, as asked: tan φ' = (b/a)² tan φ."""
     if crs is None:
         raise UsageError(
             f"{path} has {next(iter(latitudes))}, and without --crs all longitudes are the Earth's",
@@ -193,11 +186,7 @@ class Placed(NamedTuple):
 
 
 def locate(samples: Samples, places: Places) -> Placed:
-    """Give samples the positions of a localisation table, in place of any of their own.
-
-    They are NaN where the table does not tell; remarks say what became of the samples. InputError where table
-    and log have nothing in common to be compared by.
-    """
+    """Give samples the positions of a table, NaN where it tells none; InputError if nothing is in common."""
     counter = {name.casefold(): values for name, values in samples.drivers.items() if name.casefold() in KEYS}
     common = [name for name in KEYS if name in places.keys and name in counter]
     if {"site", "drive"} <= set(common):
@@ -230,50 +219,28 @@ def _nothing_common(samples: Samples, places: Places, counter: Collection[str]) 
 
 def _by_key(places: Places, counter: Mapping[str, Array], n: int) -> tuple[dict[str, Array], Mask]:
     """Look up site, drive and pose; where a table has no such pose, its entry for the whole drive."""
-    pair = ("site", "drive")
-    every = np.ones(len(places.keys["site"]), dtype=bool)
-    whole = places.keys["pose"] == _ANY_POSE if "pose" in places.keys else ~every
+    import pandas as pd
+
+    pair, table = ["site", "drive"], pd.DataFrame(places.keys | places.position)
+    whole = table[table["pose"] == _ANY_POSE] if "pose" in table else table[:0]
     # Without poses in the log an entry for the whole drive is what it asks for, and else all of them.
-    searches = (
-        [(tuple(counter), every), (pair, whole)] if "pose" in counter else [(pair, whole), (pair, every)]
-    )
+    searches = [([*counter], table), (pair, whole)] if "pose" in counter else [(pair, whole), (pair, table)]
+    asked = pd.DataFrame(dict(counter))
     position = {name: np.full(n, np.nan) for name in places.position}
     ambiguous, open_ = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
-    for names, rows in searches:
-        table = np.column_stack([places.keys[name][rows] for name in names])
-        asked = np.column_stack([counter[name] for name in names])[open_]
-        entry, several = _match(table, asked, [values[rows] for values in places.position.values()])
+    for keys, entries in searches:
+        # NaN equals no key, not even another NaN, except to pandas.
+        known = np.isfinite(entries[keys].to_numpy()).all(axis=1)
+        distinct = entries[known].drop_duplicates([*keys, *position])
+        distinct["several"] = distinct.duplicated(keys, keep=False)
         where = np.flatnonzero(open_)
-        for name, values in places.position.items():
-            found = (entry >= 0) & ~several
-            position[name][where[found]] = values[rows][entry[found]]
+        found = asked.iloc[where].merge(distinct.drop_duplicates(keys), how="left", on=keys)
+        there, several = found["several"].notna().to_numpy(), found["several"].eq(True).to_numpy()
+        for name, values in position.items():
+            values[where[there & ~several]] = found[name].to_numpy()[there & ~several]
         ambiguous[where[several]] = True
-        open_[where[entry >= 0]] = False
+        open_[where[there]] = False
     return position, ambiguous
-
-
-def _match(table: Array, asked: Array, position: Collection[Array]) -> tuple[Index, Mask]:
-    """Return the first row of a table for each key, −1 without one, and whether others contradict it."""
-    # A counter stands still for many samples.
-    new = np.concatenate(
-        [np.ones(min(len(asked), 1), dtype=bool), np.any(np.diff(asked, axis=0) != 0.0, axis=1)]
-    )
-    stretch, asked = np.cumsum(new) - 1, asked[new]
-    _, ids = np.unique(np.concatenate([table, asked]), axis=0, return_inverse=True)
-    ids = ids.reshape(-1)
-    of_table, of_asked = ids[: len(table)], ids[len(table) :]
-    count = int(ids.max()) + 1 if len(ids) else 0
-    first = np.full(count, -1, dtype=np.intp)
-    # Backwards, so that the first row of each key is written last.
-    first[of_table[::-1]] = np.arange(len(table))[::-1]
-    contradicted = np.zeros(count, dtype=bool)
-    for values in position:
-        other = ~((values == values[first[of_table]]) | np.isnan(values) & np.isnan(values[first[of_table]]))
-        contradicted[of_table[other]] = True
-    # NaN equals no key, not even another NaN, except to numpy.unique.
-    known = np.isfinite(asked).all(axis=1)
-    entry = np.where(known, first[of_asked], -1)
-    return entry[stretch], (contradicted[of_asked] & (entry >= 0))[stretch]
 
 
 def _by_clock(position: Mapping[str, Array], time: Array, clock: Array) -> tuple[dict[str, Array], Mask]:

@@ -11,8 +11,6 @@ from terrain_cli.windows import line_costs
 from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.windows.candidate_search import Limits
 
@@ -60,33 +58,12 @@ class Criteria:
     gradual: Criterion  # ... or else this for the windows
 
 
-class _Known:
-    """Sums over all samples before a bound, computed once: from round to round most bounds stay."""
-
-    def __init__(self, before: Callable[[Index], Array]) -> None:
-        self._compute = before
-        self._bounds = np.zeros(1, dtype=np.intp)
-        self._sums = before(self._bounds)
-
-    def __call__(self, bounds: Index) -> Array:
-        """Return the sums before each of these bounds, shape (10, k)."""
-        at = np.minimum(np.searchsorted(self._bounds, bounds), len(self._bounds) - 1)
-        new = np.unique(bounds[self._bounds[at] != bounds])
-        if len(new):
-            merged = np.concatenate([self._bounds, new])
-            order = np.argsort(merged)
-            self._sums = np.concatenate([self._sums, self._compute(new)], axis=1)[:, order]
-            self._bounds = merged[order]
-            at = np.searchsorted(self._bounds, bounds)
-        return self._sums[:, at]
-
-
 class Refinement:
     """The way from candidates to the changes of soil of one stretch."""
 
     def __init__(self, moments: RunningMoments, limits: Limits, criteria: Criteria) -> None:
         self._moments = moments
-        self._before = _Known(moments.before)
+        self._before = moments.before
         self._n = len(moments.samples)
         self._limits = limits
         self._criteria = criteria
@@ -174,11 +151,7 @@ class Refinement:
         return np.asarray((last_b == b) & near)
 
     def _best_between(self, a: Index, low: Index, high: Index, c: Index) -> tuple[Index, Array]:
-        """Return where from low to high it is best to cut [a, c), and the misfit of the two windows.
-
-        On the grid of blocks, within a block of the best on a finer one if blocks are long, and then
-        at any sample.
-        """
+        """Return where to cut [a, c) best, by blocks, then finer, then at any sample; and the misfit."""
         ends = self._before(a)[:, :, None], self._before(c)[:, :, None]
         moments, step = self._moments, self._moments.step
         block = -(-low // step)[:, None] + np.arange(int((high - low).max()) // step + 1)
@@ -240,7 +213,8 @@ class Refinement:
     def _bridge(self, a: Index, b: Index, c: Index, d: Index) -> tuple[Array, Index]:
         """Return the gain of windows [b, c) over the best cuts in them, 1 being just enough, and the cuts."""
         cut, cost = self._best_between(a, b, c, d)
-        windows = np.diff(self._before(np.stack([a, b, c, d])), axis=1)
+        bounds = np.concatenate([a, b, c, d])
+        windows = np.diff(self._before(bounds).reshape(line_costs.ROWS, 4, -1), axis=1)
         gain = cost - line_costs.best_line(windows.reshape(line_costs.ROWS, -1))[1].reshape(3, -1).sum(axis=0)
         left, middle, right = windows.transpose(1, 0, 2)
         worth = np.zeros(len(b))

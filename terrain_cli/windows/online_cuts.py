@@ -1,13 +1,11 @@
 """Change points while samples still arrive: the search of `change_points`, over what came last.
 
-The cost of a window needs the samples of no other, so that a bound which lies well behind stays where it is
-whatever comes: all partitions that may still become the best one share it. That is what lets PELT forget
-places for bounds (Killick, Fearnhead & Eckley 2012, JASA 107(500)), and the best path of a hidden Markov
-model be told before its end (Šrámek, Brejová & Vinař 2007, "On-line Viterbi algorithm", WABI). Here that is
-not proved but measured: a bound is final when two searches in a row find it, and so many samples lie behind
-it as tell a new soil from a bridge.
+The cost of a window needs the samples of no other: all partitions that may still become the best one share
+the bounds that lie well behind. That is what lets PELT forget places for bounds (Killick, Fearnhead & Eckley
+2012, JASA 107(500)), and the best path of a hidden Markov model be told before its end (Šrámek, Brejová &
+Vinař 2007, WABI). Here that is not proved but measured: a bound is final when two searches in a row find it,
+and so many samples lie behind it as tell a new soil from a bridge.
 
-Memory and time are bounded: of a window that goes on for longer only the last samples are searched.
 The constants were chosen by benchmarks/follow_study.py; its table is in benchmarks/results.
 """
 
@@ -52,10 +50,7 @@ class OnlineCuts:
         self._seen: Index = np.empty(0, dtype=np.intp)
 
     def add(self, columns: Array) -> list[int]:
-        """Take samples, rows as named above; return the places of the bounds that are final now.
-
-        What is told does not depend on how many samples come at once.
-        """
+        """Take samples, however many at once; return the places of the bounds that are final now."""
         told: list[int] = []
         while columns.shape[1]:
             due = self._due(columns[TIME])

@@ -235,17 +235,6 @@ def test_select_is_by_index_or_mask(select):
     assert pooled.strength == pytest.approx(6000.0)
 
 
-def test_plain_mean_is_over_separable_windows():
-    given = windows([6000.0, 6200.0, 9000.0], 50.0, [0.5, 0.5, 0.0], 0.05)
-    given.separable = np.array([True, True, False])
-    pooled = pool(given)
-    assert (pooled.windows, pooled.separable) == (3, 2)
-    assert pooled.c_mean == pytest.approx(1100.0)
-    assert pooled.c_spread == pytest.approx(np.sqrt(2.0) * 100.0)
-    assert pooled.phi_mean == pytest.approx(np.arctan(0.5))
-    assert pooled.phi_spread == pytest.approx(0.0, abs=1e-12)
-
-
 def test_exact_windows_can_be_pooled():
     given = windows([6000.0, 6000.0], 1.0, 0.5, 0.0)
     given.data_c_se, given.data_corr = np.zeros(2), np.full(2, np.nan)

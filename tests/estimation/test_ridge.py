@@ -121,34 +121,6 @@ def test_long_windows_one_by_one_are_all_windows_at_once(monkeypatch):
     )
 
 
-@pytest.mark.parametrize("spread", [0.0, 1e-6, 0.01, 0.3])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_sums_of_powers_are_the_losses_of_single_samples(monkeypatch, spread, sign):
-    rng = np.random.default_rng(5)
-    bounds = np.array([0, 9_000, 29_001])
-    x = sign * 1.3e4 * (1.0 + spread * rng.uniform(-1.0, 1.0, bounds[-1]))
-    y = (800.0 + 0.58 * x) * (1.0 + 0.02 * rng.standard_normal(bounds[-1]))
-    moments = of_windows(np.array([x, y, *np.ones((4, len(x)))]), bounds)
-    by_powers = ridge.losses(x, y, bounds, moments, folds=None)
-    monkeypatch.setattr(ridge, "_SLIGHT", 0.0)
-    by_samples = ridge.losses(x, y, bounds, moments, folds=None)
-    assert (by_powers != by_samples).any()
-    np.testing.assert_allclose(by_powers, by_samples, rtol=1e-13)
-    np.testing.assert_array_equal(by_powers.argmin(axis=0), by_samples.argmin(axis=0))
-
-
-def test_a_sample_of_much_leverage_is_left_out_by_itself(monkeypatch):
-    rng = np.random.default_rng(5)
-    x = 1.3e4 * (1.0 + 0.01 * rng.standard_normal(9_000))
-    x[17] *= 2.0
-    y = 800.0 + 0.58 * x + 100.0 * rng.standard_normal(len(x))
-    bounds = np.array([0, len(x)])
-    moments = of_windows(np.array([x, y, *np.ones((4, len(x)))]), bounds)
-    found = ridge.losses(x, y, bounds, moments, folds=None)
-    monkeypatch.setattr(ridge, "_SLIGHT", 0.0)
-    np.testing.assert_array_equal(found, ridge.losses(x, y, bounds, moments, folds=None))
-
-
 def losses_by_hand(x, y, bounds):
     """Leave out one sample after the other, and fit the rest with the penalty of them all."""
     loss = np.zeros((len(DELTAS), len(bounds) - 1))

@@ -11,7 +11,7 @@ import pytest
 from compared import comparison_of, halved
 from matplotlib import image
 
-from terrain_cli.improvement.model_alternatives import Alternative
+from terrain_cli.improvement.change_trial import Alternative
 from terrain_cli.views import report
 
 pytestmark = pytest.mark.real("chromium", "chromedriver")

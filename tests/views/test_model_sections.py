@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from compared import halved
 
-from terrain_cli.improvement.model_alternatives import Alternative
+from terrain_cli.improvement.change_trial import Alternative
 from terrain_cli.views.report import model_sections, page
 from terrain_cli.views.report.page_parts import Chart, Table
 

@@ -30,7 +30,7 @@ def weighted(moments, first, last):
     noise = moments.noise[:, block]
     return (
         1.0 / line_costs.across(*noise, line_costs.MIDDLE_SLOPE),
-        *moments.samples.between(first, last),
+        *moments.samples.at(np.arange(first, last)),
         noise,
     )
 

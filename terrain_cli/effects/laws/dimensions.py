@@ -104,11 +104,7 @@ _JOINT = re.compile(r"\s*/\s*|\s*[·*⋅∙]\s*|\s+(?!\))|\.(?=[A-Za-z])")
 
 
 def parse(text: str) -> Scale:
-    """Read a unit: symbols with powers, joined by spaces or dots, and divided by /.
-
-    Such as ``N s/rad``, ``kPa``, ``Pa/m^1.5``, ``%/K``, ``N/(m/s)``, ``Pa/m^n``; ``1`` or nothing for a plain
-    number. K and °C are both a step of one kelvin.
-    """
+    """Read a unit, such as ``N s/rad``, ``Pa/m^n`` or ``N/(m/s)``; K and °C are both a step of one kelvin."""
     return _UnitReader(text).unit()
 
 
@@ -203,25 +199,8 @@ class _UnitReader:
 _COMMON = {PLAIN: "a plain number"} | {
     parse(text).dimension: text
     for text in (
-        *(
-            "kg",
-            "m",
-            "s",
-            "K",
-            "A",
-            "m²",
-            "m/s",
-            "m/s²",
-            "1/s",
-            "1/s²",
-            "1/m",
-            "1/K",
-            "N",
-            "N m",
-            "Pa",
-            "W",
-            "V",
-        ),
+        *("kg", "m", "s", "K", "A", "m²", "m/s", "m/s²", "1/s", "1/s²", "1/m", "1/K"),
+        *("N", "N m", "Pa", "W", "V"),
         *("N/m", "N s", "N s/m", "N m s", "N m s²", "N/K", "N m/K", "N m/A", "1/N", "1/Pa", "Pa/m"),
         *("Pa s", "Pa/m^n", "Pa/m^(n-1)", "kg/m³", "N/m³", "s/m", "s²/m"),
     )

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 
 class Law:
-    """A law read from a text: called with what it reads, it gives the changed quantity.
-
-    `factors` are what the further columns of the data are multiplied by to become SI.
-    """
+    """A law read from a text; `factors` make what it reads of further columns SI."""
 
     def __init__(self, text: str, factors: Mapping[str, float] | None = None) -> None:
         self.text, self.factors = text, dict(factors or {})
@@ -132,9 +129,13 @@ class _Reader:
         self.check_needs()
         self.parameters, self.scales = self.read_parameters()
         laws, units = {}, {}
-        for quantity, text in self.texts().items():
+        sizes = {name: dimensions.parse(unit).factor for name, unit in self.columns.items()}
+        rates = {f"{name}_rate": size for name, size in sizes.items()}
+        factors = {name: size for name, size in (rates | sizes).items() if size != 1.0}
+        texts: dict[str, str] = content.get("laws") or {content["changes"]: content["law"]}
+        for quantity, text in texts.items():
             try:
-                laws[quantity] = law = Law(text, self.factors())
+                laws[quantity] = law = Law(text, factors)
                 units[quantity] = self.check_law(quantity, law)
             except LawError as error:
                 raise self.located(quantity, error) from None
@@ -142,6 +143,7 @@ class _Reader:
         needs = self.needs
         if "load" not in needs and any("load" in law.reads for law in laws.values()):
             needs = (*needs, "load")
+        own = [f"{n}: {v['reference']}" for n, v in content["parameters"].items() if v.get("reference")]
         effect = Effect(
             id=content["id"],
             title=content["title"],
@@ -152,7 +154,7 @@ class _Reader:
             formula="; ".join(f"{quantity} = {' '.join(law.text.split())}" for quantity, law in laws.items()),
             explanation=" ".join(content.get("explanation", "").split()),
             shows=content.get("shows", ""),
-            reference=self.reference(),
+            reference="; ".join(filter(None, [content.get("reference", ""), *own])),
             settled_by=content.get("settled_by", ""),
             origin=self.path,
         )
@@ -175,21 +177,6 @@ class _Reader:
                 "there is no parameter",
                 "an effect has a number to be estimated: [parameters.NAME] with unit, null and scale",
             )
-
-    def texts(self) -> dict[str, str]:
-        laws: dict[str, str] = self.content.get("laws") or {self.content["changes"]: self.content["law"]}
-        return laws
-
-    def factors(self) -> dict[str, float]:
-        """Return the factors of further columns, and of their rates."""
-        factors = {name: dimensions.parse(unit).factor for name, unit in self.columns.items()}
-        rates = {f"{name}_rate": factor for name, factor in factors.items()}
-        return {name: factor for name, factor in (rates | factors).items() if factor != 1.0}
-
-    def reference(self) -> str:
-        own = {name: values.get("reference") for name, values in self.content["parameters"].items()}
-        parts = [f"{name}: {text}" for name, text in own.items() if text]
-        return "; ".join(filter(None, [self.content.get("reference", ""), *parts]))
 
     def check_needs(self) -> None:
         for name in self.needs:

@@ -121,10 +121,7 @@ class _Token(NamedTuple):
 
 
 def written(name: str) -> str:
-    """Return how a law names a channel or a column: in backticks where the name is no plain word.
-
-    Nothing if no law can name it: it is a word of the language, too long, or has backticks of its own.
-    """
+    """Return how a law names a channel or a column, in backticks if need be; nothing where it cannot."""
     if name in RESERVED or len(name) > _LONGEST_WORD:
         return ""
     if not name.strip() or not name.isprintable() or "`" in name:

@@ -113,10 +113,7 @@ _MEASURED = "measured_"
 
 
 def reached(changes: str) -> dict[str, str]:
-    """Return what is known, not being among the needs, when a quantity is changed: name → unit.
-
-    What the model has computed by then, and the wheel's constants.
-    """
+    """Return what the model knows when a quantity is changed, and the wheel's constants: name → unit."""
     order = list(QUANTITIES)
     known = order[: order.index(changes) + 1]
     if changes == "slip":
@@ -135,10 +132,7 @@ def reached(changes: str) -> dict[str, str]:
 
 
 def measured(needs: Collection[str], columns: Mapping[str, str]) -> dict[str, str]:
-    """Return what a law may read because its effect needs it: name → unit.
-
-    The torque and the drawbar pull are `measured_torque` and `measured_drawbar_pull`.
-    """
+    """Return what a law may read of the needs, torque and pull as `measured_…`: name → unit."""
     return {_MEASURED + name if name in _FORCES else name: _unit(name, columns) for name in needs}
 
 

@@ -97,10 +97,7 @@ def at_null(effect: Effect, quantity: str, reads: Collection[str]) -> Trial:
 
 
 def influence(effect: Effect, quantity: str, reads: Collection[str], name: str) -> tuple[float, float]:
-    """Measure how much a law changes with a parameter: at the null values, and at typical ones.
-
-    The root mean square of the derivative, times the parameter's scale; infinite or NaN where that is.
-    """
+    """Return the rms derivative of a law by a parameter, times its scale: at null values, at typical ones."""
     nulls = {p.name: p.null for p in effect.parameters}
     given = inputs({quantity, *reads} - nulls.keys())
     typical = {

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.contact import slip_of_radius
-from terrain_cli.mechanics.effect import Effect, Parameter, Quantities, Sum
+from terrain_cli.mechanics.effect import Effect, Quantities, Sum
 
 
 def _max_stress_angle(q: Quantities) -> Any:
@@ -19,10 +20,8 @@ MAX_STRESS_ANGLE = Effect(
     title="The greatest stress moves forward with slip",
     kind="contact",
     parameters=(
-        Parameter("c1", "1", 0.5, 0.1, "share of the entry angle at no slip", lower=0.02, upper=0.98),
-        Parameter(
-            "c2", "1", 0.0, 0.3, "growth of that share from no slip to full slip", lower=-0.9, upper=0.9
-        ),
+        parameter("c1", 0.1, "share of the entry angle at no slip", (0.02, 0.98), null=0.5),
+        parameter("c2", 0.3, "growth of that share from no slip to full slip", (-0.9, 0.9)),
     ),
     # Shares at full slip that were published lie between 0.5 and 0.8; near 1 the rim carries nothing, and
     # any wheel sinks.
@@ -58,15 +57,8 @@ REAR_CONTACT = Effect(
     title="Contact behind the axle",
     kind="contact",
     parameters=(
-        Parameter(
-            "c3",
-            "1",
-            0.0,
-            0.2,
-            "angle of contact behind the axle, as a share of the entry angle",
-            lower=-0.3,
-            upper=1.2,
-            side=1,
+        parameter(
+            "c3", 0.2, "angle of contact behind the axle, as a share of the entry angle", (-0.3, 1.2), side=1
         ),
     ),
     laws={"exit_angle": _exit_angle},
@@ -106,14 +98,11 @@ GROUSERS = Effect(
     title="Grousers shear the soil outside the rim",
     kind="contact",
     parameters=(
-        Parameter(
+        parameter(
             "lambda_s",
-            "1",
-            0.0,
             0.5,
             "share of the grouser height by which the shear surface lies outside",
-            lower=-0.5,
-            upper=2.0,
+            (-0.5, 2.0),
             side=1,
         ),
     ),
@@ -164,16 +153,7 @@ FLEXIBLE_WHEEL = Effect(
     title="The wheel flattens under load",
     kind="contact",
     parameters=(
-        Parameter(
-            "deflection",
-            "1",
-            0.0,
-            0.05,
-            "δ/r: how far the rim gives way, over the radius",
-            lower=-0.1,
-            upper=0.4,
-            side=1,
-        ),
+        parameter("deflection", 0.05, "δ/r: how far the rim gives way, over the radius", (-0.1, 0.4), side=1),
     ),
     laws={"slip": _slip_of_a_flat_wheel, "radius": _flattened, "torque": _torque_at_the_axle},
     needs=("slip",),

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
+from terrain_cli.effects.library import parameter
+from terrain_cli.mechanics.effect import Effect, Quantities
 
 
 def _torque_with_friction(q: Quantities) -> Any:
@@ -19,15 +20,13 @@ DRIVETRAIN_FRICTION = Effect(
     title="Friction in the drivetrain",
     kind="sensor",
     parameters=(
-        Parameter("Tc", "N m", 0.0, 0.5, "dry friction", lower=-50.0, upper=500.0, side=1),
-        Parameter(
+        parameter("Tc", 0.5, "dry friction", (-50.0, 500.0), unit="N m", side=1),
+        parameter(
             "Bv",
-            "N m s/rad",
-            0.0,
             0.2,
             "viscous friction per wheel speed",
-            lower=-50.0,
-            upper=500.0,
+            (-50.0, 500.0),
+            unit="N m s/rad",
             needs=("angular_velocity",),
         ),
     ),
@@ -63,15 +62,8 @@ GEAR_EFFICIENCY = Effect(
     title="Efficiency of the gear",
     kind="sensor",
     parameters=(
-        Parameter(
-            "eta",
-            "1",
-            1.0,
-            0.2,
-            "share of the measured torque that reaches the wheel",
-            lower=0.2,
-            upper=1.1,
-            side=-1,
+        parameter(
+            "eta", 0.2, "share of the measured torque that reaches the wheel", (0.2, 1.1), null=1.0, side=-1
         ),
     ),
     laws={"torque": _torque_before_the_gear},
@@ -107,14 +99,12 @@ MOTOR_TEMPERATURE = Effect(
     title="The motor's torque constant changes as it warms",
     kind="sensor",
     parameters=(
-        Parameter(
+        parameter(
             "alpha",
-            "1/K",
-            0.0,
             1e-3,
             "temperature coefficient of the torque constant; mostly < 0",
-            lower=-0.01,
-            upper=0.01,
+            (-0.01, 0.01),
+            unit="1/K",
         ),
     ),
     laws={"torque": _torque_of_a_warm_motor},
@@ -149,14 +139,12 @@ ACCELERATION_TORQUE = Effect(
     title="Torque that accelerates the wheel",
     kind="sensor",
     parameters=(
-        Parameter(
+        parameter(
             "J",
-            "kg m^2",
-            0.0,
             0.5,
             "moment of inertia of wheel, gear and motor, at the wheel",
-            lower=-10.0,
-            upper=1000.0,
+            (-10.0, 1000.0),
+            unit="kg m^2",
             side=1,
         ),
     ),

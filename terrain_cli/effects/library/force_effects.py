@@ -6,17 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
+from terrain_cli.effects.library import parameter
+from terrain_cli.mechanics.effect import Effect, Quantities
 
 #: Of loose dry soil, in kg/m³.
 _DENSITY = 1600.0
 
 
 def bearing_factors(tan_phi: Any) -> tuple[Any, Any, Any]:
-    """Bearing-capacity factors of Terzaghi for general shear under a rough footing.
-
-    Nγ, which he gives as a table, by 2 (Nq + 1) tan φ / (1 + 0.4 sin 4φ): within a quarter.
-    """
+    """Bearing-capacity factors of Terzaghi under a rough footing; Nγ, which he gives as a table, to 25 %."""
     tan_phi = np.maximum(tan_phi, 0.02)
     phi = np.arctan(tan_phi)
     n_q = np.exp((1.5 * np.pi - phi) * tan_phi) / (1.0 - np.sin(phi))
@@ -38,15 +36,8 @@ BULLDOZING = Effect(
     title="The wheel pushes soil before it",
     kind="force",
     parameters=(
-        Parameter(
-            "factor",
-            "1",
-            0.0,
-            0.2,
-            "share of the textbook resistance that acts; 1 is all of it",
-            lower=-0.5,
-            upper=5.0,
-            side=1,
+        parameter(
+            "factor", 0.2, "share of the textbook resistance that acts; 1 is all of it", (-0.5, 5.0), side=1
         ),
     ),
     laws={"drawbar_pull": _pull_less_the_wall},
@@ -88,14 +79,8 @@ SLOPE = Effect(
     title="Weight along a slope",
     kind="force",
     parameters=(
-        Parameter(
-            "factor",
-            "1",
-            0.0,
-            1.0,
-            "share of the weight's parts that the data leave out; 1 is all",
-            lower=-0.5,
-            upper=2.0,
+        parameter(
+            "factor", 1.0, "share of the weight's parts that the data leave out; 1 is all", (-0.5, 2.0)
         ),
     ),
     laws={"load": _load_on_a_slope, "drawbar_pull": _pull_on_a_slope},
@@ -129,23 +114,14 @@ LOAD_TRANSFER = Effect(
     title="Load moves between the axles",
     kind="force",
     parameters=(
-        Parameter(
-            "ratio",
-            "1",
-            0.0,
-            0.2,
-            "h/L: height of the pull over the wheelbase; < 0 for a front wheel",
-            lower=-2.0,
-            upper=2.0,
+        parameter(
+            "ratio", 0.2, "h/L: height of the pull over the wheelbase; < 0 for a front wheel", (-2.0, 2.0)
         ),
-        Parameter(
+        parameter(
             "slope_ratio",
-            "1",
-            0.0,
             0.2,
             "h/L: height of the weight, where others than this wheel hold it on a slope",
-            lower=-2.0,
-            upper=2.0,
+            (-2.0, 2.0),
             needs=("pitch", "drawbar_pull"),
         ),
     ),

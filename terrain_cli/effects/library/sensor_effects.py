@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.contact import slip_of_radius
-from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
+from terrain_cli.mechanics.effect import Effect, Quantities
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from terrain_cli.mechanics.effect import Parameter
 
 
 def _load_without_bias(q: Quantities) -> Any:
@@ -20,10 +26,8 @@ LOAD_BIAS = Effect(
     title="Gain and offset of the load cell",
     kind="sensor",
     parameters=(
-        Parameter("gain", "1", 1.0, 0.05, "newtons shown per newton on the wheel", lower=0.7, upper=1.4),
-        Parameter(
-            "offset", "N", 0.0, 10.0, "newtons shown with the wheel in the air", lower=-1000.0, upper=1000.0
-        ),
+        parameter("gain", 0.05, "newtons shown per newton on the wheel", (0.7, 1.4), null=1.0),
+        parameter("offset", 10.0, "newtons shown with the wheel in the air", (-1000.0, 1000.0), unit="N"),
     ),
     laws={"load": _load_without_bias},
     needs=("load",),
@@ -53,9 +57,7 @@ SINKAGE_BIAS = Effect(
     title="Offset of the sinkage sensor",
     kind="sensor",
     parameters=(
-        Parameter(
-            "offset", "m", 0.0, 0.002, "sinkage shown by a wheel that does not sink", lower=-0.1, upper=0.1
-        ),
+        parameter("offset", 0.002, "sinkage shown by a wheel that does not sink", (-0.1, 0.1), unit="m"),
     ),
     laws={"sinkage": partial(_with_offset, "sinkage")},
     needs=("sinkage",),
@@ -82,9 +84,7 @@ DRAWBAR_BIAS = Effect(
     title="Offset of the drawbar-pull sensor",
     kind="sensor",
     parameters=(
-        Parameter(
-            "offset", "N", 0.0, 10.0, "pull shown by a wheel that pulls nothing", lower=-1000.0, upper=1000.0
-        ),
+        parameter("offset", 10.0, "pull shown by a wheel that pulls nothing", (-1000.0, 1000.0), unit="N"),
     ),
     laws={"drawbar_pull": partial(_with_offset, "drawbar_pull")},
     formula="DP shown = DP + offset",
@@ -114,14 +114,8 @@ WHEEL_RADIUS = Effect(
     title="The radius from which slip was computed",
     kind="sensor",
     parameters=(
-        Parameter(
-            "relative_error",
-            "1",
-            0.0,
-            0.03,
-            "Δr/r: how far the rolling radius exceeds the stated one",
-            lower=-0.4,
-            upper=0.4,
+        parameter(
+            "relative_error", 0.03, "Δr/r: how far the rolling radius exceeds the stated one", (-0.4, 0.4)
         ),
     ),
     laws={"slip": _slip_of_another_radius},
@@ -166,14 +160,12 @@ SENSOR_LAG = Effect(
     title="A channel is late",
     kind="sensor",
     parameters=tuple(
-        Parameter(
+        parameter(
             f"{channel}_lag",
-            "s",
-            0.0,
             0.1,
             f"by how much {channel.replace('_', ' ')} is late",
-            lower=-2.0,
-            upper=2.0,
+            (-2.0, 2.0),
+            unit="s",
             needs=(f"{channel}_rate",),
         )
         for channel in _LATE_CHANNELS
@@ -218,21 +210,10 @@ def _sinkage_ripple(q: Quantities) -> Any:
     return q["sinkage"] * (1.0 + _wave(q, "sinkage"))
 
 
-def _pair(name: str, channel: str, of: str) -> tuple[Parameter, Parameter]:
-    sine, cosine = (
-        Parameter(
-            f"{name}_{part}",
-            "1",
-            0.0,
-            0.05,
-            f"{part} of the ripple, over {of}",
-            lower=-0.9,
-            upper=0.9,
-            needs=(channel,),
-        )
-        for part in ("sine", "cosine")
-    )
-    return sine, cosine
+def _pair(name: str, channel: str, of: str) -> Iterator[Parameter]:
+    for part in ("sine", "cosine"):
+        meaning = f"{part} of the ripple, over {of}"
+        yield parameter(f"{name}_{part}", 0.05, meaning, (-0.9, 0.9), needs=(channel,))
 
 
 GROUSER_RIPPLE = Effect(

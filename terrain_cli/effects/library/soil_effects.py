@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
+from terrain_cli.effects.library import parameter
+from terrain_cli.mechanics.effect import Effect, Quantities
 
 #: What a pass changes as a share of what the one before it did, where nothing else is known.
 _FURTHER = math.exp(-1.0)
@@ -26,42 +27,25 @@ MULTI_PASS = Effect(
     title="Soil that has been driven over",
     kind="soil",
     parameters=(
-        Parameter(
+        parameter(
             "stiffness_gain",
-            "1",
-            0.0,
             0.5,
             "change of the stiffness by the first pass, as a share",
-            lower=-0.6,
-            upper=10.0,
+            (-0.6, 10.0),
             side=1,
         ),
-        Parameter(
-            "cohesion_gain",
-            "1",
-            0.0,
-            0.3,
-            "change of the cohesion by the first pass, as a share",
-            lower=-0.6,
-            upper=10.0,
-        ),
-        Parameter(
+        parameter("cohesion_gain", 0.3, "change of the cohesion by the first pass, as a share", (-0.6, 10.0)),
+        parameter(
             "shear_modulus_gain",
-            "1",
-            0.0,
             0.3,
             "change of the shear modulus by the first pass, as a share",
-            lower=-0.6,
-            upper=10.0,
+            (-0.6, 10.0),
         ),
-        Parameter(
+        parameter(
             "further",
-            "1",
-            0.0,
             0.3,
             "by how much more than 37 % of what the pass before it did each further pass does, as a share",
-            lower=-0.35,
-            upper=0.6,
+            (-0.35, 0.6),
             shape=True,
         ),
     ),
@@ -97,14 +81,12 @@ SINKAGE_RELAXATION = Effect(
     title="A wheel has to roll on before it has sunk",
     kind="soil",
     parameters=(
-        Parameter(
+        parameter(
             "length",
-            "m",
-            0.0,
             0.03,
             "distance over which the sinkage comes two thirds of the way to its steady value",
-            lower=-0.5,
-            upper=1.0,
+            (-0.5, 1.0),
+            unit="m",
             side=1,
         ),
     ),
@@ -150,23 +132,14 @@ HARDPAN = Effect(
     title="A firmer layer below",
     kind="soil",
     parameters=(
-        Parameter(
-            "modulus",
-            "Pa/m",
-            0.0,
-            2e6,
-            "pressure that the layer adds per depth into it",
-            lower=0.0,
-            upper=1e9,
-        ),
-        Parameter(
+        parameter("modulus", 2e6, "pressure that the layer adds per depth into it", (0.0, 1e9), unit="Pa/m"),
+        parameter(
             "top",
-            "m",
-            0.01,
             0.01,
             "depth of the layer below the surface",
-            lower=0.001,
-            upper=0.3,
+            (0.001, 0.3),
+            unit="m",
+            null=0.01,
             shape=True,
             along="sinkage",
         ),
@@ -195,17 +168,14 @@ CRUST = Effect(
     title="A crust over soft soil",
     kind="soil",
     parameters=(
-        Parameter(
-            "strength", "Pa", 0.0, 2e3, "pressure that the crust bears before it breaks", lower=0.0, upper=1e6
-        ),
-        Parameter(
+        parameter("strength", 2e3, "pressure that the crust bears before it breaks", (0.0, 1e6), unit="Pa"),
+        parameter(
             "thickness",
-            "m",
-            0.005,
             0.003,
             "depth over which it takes up that pressure",
-            lower=0.0005,
-            upper=0.05,
+            (0.0005, 0.05),
+            unit="m",
+            null=0.005,
             shape=True,
         ),
     ),

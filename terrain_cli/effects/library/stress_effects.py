@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.contact import rolling
-from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
+from terrain_cli.mechanics.effect import Effect, Quantities
 
 
 def _exponent(q: Quantities) -> Any:
@@ -26,42 +27,16 @@ SLIP_SINKAGE = Effect(
     title="Sinkage grows with slip",
     kind="stress",
     parameters=(
-        Parameter(
-            "n1",
-            "1",
-            0.0,
-            0.5,
-            "growth of the sinkage exponent from no slip to full slip",
-            lower=-1.0,
-            upper=3.0,
+        parameter("n1", 0.5, "growth of the sinkage exponent from no slip to full slip", (-1.0, 3.0)),
+        parameter(
+            "n2", 0.5, "further growth of the sinkage exponent to a locked wheel", (-2.0, 3.0), skids=True
         ),
-        Parameter(
-            "n2",
-            "1",
-            0.0,
-            0.5,
-            "further growth of the sinkage exponent to a locked wheel",
-            lower=-2.0,
-            upper=3.0,
-            skids=True,
-        ),
-        Parameter(
-            "S",
-            "1",
-            0.0,
-            0.5,
-            "soil carried away: growth of the sinkage itself, as a share",
-            lower=-0.8,
-            upper=10.0,
-        ),
-        Parameter(
+        parameter("S", 0.5, "soil carried away: growth of the sinkage itself, as a share", (-0.8, 10.0)),
+        parameter(
             "bend",
-            "1",
-            0.0,
             0.5,
             "how that growth bends: 0 as a straight line, 1 as a parabola",
-            lower=-1.0,
-            upper=2.0,
+            (-1.0, 2.0),
             shape=True,
         ),
     ),
@@ -107,15 +82,7 @@ RATE_DEPENDENCE = Effect(
     title="Strength depends on speed",
     kind="stress",
     parameters=(
-        Parameter(
-            "beta",
-            "1",
-            0.0,
-            0.05,
-            "growth of the shear stress, as a share, per factor e of speed",
-            lower=-0.5,
-            upper=0.5,
-        ),
+        parameter("beta", 0.05, "growth of the shear stress, as a share, per factor e of speed", (-0.5, 0.5)),
     ),
     laws={name: partial(_faster, name) for name in ("cohesion", "tan_phi")},
     needs=("velocity",),
@@ -164,24 +131,10 @@ SIDE_SLIP = Effect(
     title="Sliding sideways takes strength from driving",
     kind="stress",
     parameters=(
-        Parameter(
-            "k_growth",
-            "1/rad",
-            0.0,
-            1.0,
-            "growth of the shear modulus, as a share, per radian",
-            lower=-1.0,
-            upper=30.0,
+        parameter(
+            "k_growth", 1.0, "growth of the shear modulus, as a share, per radian", (-1.0, 30.0), unit="1/rad"
         ),
-        Parameter(
-            "lateral",
-            "1",
-            0.0,
-            2.0,
-            "(k/ky)²: how much sooner the soil shears across than along",
-            lower=0.0,
-            upper=50.0,
-        ),
+        parameter("lateral", 2.0, "(k/ky)²: how much sooner the soil shears across than along", (0.0, 50.0)),
     ),
     laws={"shear_modulus": _modulus_by_angle, "shear_stress": _shared_stress},
     needs=("slip_angle",),
@@ -217,14 +170,8 @@ SHEAR_MODULUS = Effect(
     title="The shear modulus grows with slip",
     kind="stress",
     parameters=(
-        Parameter(
-            "k1",
-            "1",
-            0.0,
-            1.0,
-            "growth of the shear modulus, as a share, from no slip to full slip",
-            lower=-0.95,
-            upper=20.0,
+        parameter(
+            "k1", 1.0, "growth of the shear modulus, as a share, from no slip to full slip", (-0.95, 20.0)
         ),
     ),
     laws={"shear_modulus": _modulus_by_slip},
@@ -257,17 +204,14 @@ POST_PEAK_SOFTENING = Effect(
     title="Strength is lost beyond a peak",
     kind="stress",
     parameters=(
-        Parameter(
-            "loss", "1", 0.0, 0.3, "share of the strength that is lost in the end", lower=-0.5, upper=0.95
-        ),
-        Parameter(
+        parameter("loss", 0.3, "share of the strength that is lost in the end", (-0.5, 0.95)),
+        parameter(
             "length",
-            "m",
-            0.05,
             0.03,
             "shear displacement over which it is lost",
-            lower=0.003,
-            upper=0.5,
+            (0.003, 0.5),
+            unit="m",
+            null=0.05,
             shape=True,
         ),
     ),
@@ -304,9 +248,7 @@ STRENGTH_CURVATURE = Effect(
     id="strength-curvature",
     title="The strength envelope is curved",
     kind="stress",
-    parameters=(
-        Parameter("B", "1", 0.0, 0.1, "how fast friction falls as the stress rises", lower=-0.5, upper=0.6),
-    ),
+    parameters=(parameter("B", 0.1, "how fast friction falls as the stress rises", (-0.5, 0.6)),),
     laws={"shear_stress": _curved},
     formula="τ = (c + σ tan φ (σ/σ0)^(−B))(1 − exp(−j/k)), σ0 = 10 kPa",
     explanation=(

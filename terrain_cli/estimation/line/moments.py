@@ -73,10 +73,7 @@ def segment_sum(values: Array, bounds: Bounds) -> Array:
 
 
 def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
-    """Sum the products of rows, shape (…, outputs, p, n), over outputs and the samples of each window.
-
-    `weighted` is the same but for a weight of each sample. Shape (w, …, p, p).
-    """
+    """Sum `weighted` times rows, (…, outputs, p, n), over outputs and each window: (w, …, p, p)."""
     *_, size, n = rows.shape
     total = np.empty((len(bounds) - 1, *rows.shape[:-3], size, size))
     if n < _SHORT * len(total):
@@ -92,10 +89,7 @@ def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
 
 
 def of_windows(columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = KEYS) -> WindowMoments:
-    """Moments of every window, of the columns x, y, load, torque, sinkage and slip.
-
-    `keys` are the products wanted; with `LINE` the columns may be x and y alone.
-    """
+    """Moments of every window, of x, y, load, torque, sinkage and slip; for `LINE` x and y will do."""
     count = np.diff(bounds)
     if len(count) and len(columns[0]) >= _LONG * len(count):
         return join([_of_long_window([row[a:b] for row in columns], keys) for a, b in pairwise(bounds)])

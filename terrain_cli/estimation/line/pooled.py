@@ -49,13 +49,11 @@ def recursive(
     slip: ArrayLike,
     correlated: bool = True,
 ) -> Trace:
-    """Follow c, φ and their errors through each window.
+    """Follow c, φ and their errors through each window; arrays are those of `estimate_windows`.
 
     The Kalman filter of the constant state (c, tan φ) with the measurement y = c + x tan φ, started from a
-    prior of no information. In its information form such a filter does nothing but add up, so that its states
-    are had from cumulative sums of products, and the last is the least-squares answer of `estimate_windows`,
-    with the same errors. The noise of the measurement and its correlation are not given beforehand but taken
-    from the residuals so far. Arrays are those of `estimate_windows`.
+    prior of no information. In its information form such a filter does nothing but add up: its states are had
+    from cumulative sums of products, and the last is least squares, with the noise of the residuals so far.
     """
     columns = np.array([x, y, load, torque, sinkage, slip], dtype=float)
     states = np.full((5, columns.shape[1]), np.nan)
@@ -68,10 +66,7 @@ def recursive(
 
 
 class RecursiveLine:
-    """The same filter with the samples of one window coming one by one: it holds sums, and no sample.
-
-    Its state after any number of samples is that of `recursive` there.
-    """
+    """The same filter with the samples of one window coming one by one: it holds sums, and no sample."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -141,8 +136,7 @@ def _states(moments: WindowMoments, *, correlated: bool) -> tuple[Array, ...]:
 class PooledEstimate:
     """Estimate from windows of one soil, NaN where not known."""
 
-    windows: int = 0  # windows, separable: windows pooled, and those among them that tell c from φ
-    separable: int = 0
+    windows: int = 0  # Those pooled
     c: float = np.nan  # c, c_se, phi, phi_se, corr: Pa and rad, with the correlation of the errors of c and φ
     c_se: float = np.nan
     phi: float = np.nan
@@ -157,12 +151,6 @@ class PooledEstimate:
     # windows' own errors, Pa and rad
     strength_between: float = np.nan
     phi_between: float = np.nan
-    # c_mean, c_spread, phi_mean, phi_spread: plain mean and standard deviation over the separable windows, Pa
-    # and rad
-    c_mean: float = np.nan
-    c_spread: float = np.nan
-    phi_mean: float = np.nan
-    phi_spread: float = np.nan
 
     def strength_at(self, stress: float) -> tuple[float, float]:
         """Return the strength under a normal stress and its standard error, all in Pa."""
@@ -175,17 +163,13 @@ class PooledEstimate:
 
 
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:
-    """Combine windows by generalised least squares with random effects.
+    """Combine windows, or those to `select`, by generalised least squares with random effects.
 
     Each window gives its strength at one common stress and its tan φ, with the covariance of the two; each is
     weighted by the inverse of that covariance plus the variance of the soil between windows (DerSimonian &
-    Kacker 2007). What the sensors' noise does to φ is the same in every window: it is not averaged out.
-
-    All windows whose errors are known take part, or those to `select`, by places or a mask: of one soil and
-    wheel. What all of them take for true, such as the priors of the full model, makes the same error in each:
-    it is not averaged out either. One that cannot tell c from φ still knows its strength, and strengths at
-    several stresses fix the line between them; leaving out negative c would bias c. Windows of too few
-    samples are passed over.
+    Kacker 2007). What is the same in every window, as what the sensors' noise does to φ and what all of them
+    take for true, is not averaged out. A window that cannot tell c from φ still knows its strength, and
+    strengths at several stresses fix the line; leaving out negative c would bias c.
     """
     chosen = slice(None) if select is None else np.asarray(select)
     status = estimates.status[chosen]
@@ -198,11 +182,6 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     # Of estimates without error the correlation is not known, nor needed.
     columns[4, columns[1] == 0.0] = 0.0
     used = np.isfinite(columns).all(axis=0) & (status != "too-few-samples")
-    separable = used & estimates.separable[chosen]
-    plain = (
-        *_mean_and_spread(estimates.c[chosen][separable]),
-        *_mean_and_spread(estimates.phi[chosen][separable]),
-    )
     cohesion, cohesion_se, tan_phi, tan_se, correlation, phi_bias = columns[:, used]
     if len(cohesion) == 0:
         return PooledEstimate()
@@ -246,7 +225,6 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     c_se, strength_se = (float(np.linalg.norm(by)) for by in (by_c, by_strength + to_pivot * by_slope))
     return PooledEstimate(
         windows=len(cohesion),
-        separable=int(separable.sum()),
         c=float(strength - stress * slope),
         c_se=c_se,
         phi=float(np.arctan(slope)),
@@ -257,10 +235,6 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
         strength_se=strength_se,
         strength_between=float(np.sqrt(between[0])),
         phi_between=float(np.sqrt(between[1]) / (1.0 + slope**2)),
-        c_mean=plain[0],
-        c_spread=plain[1],
-        phi_mean=plain[2],
-        phi_spread=plain[3],
     )
 
 
@@ -281,10 +255,3 @@ def _between(value: Array, own: Array, shared: Array) -> float:
 
     unexplained = scatter(value) - sum(map(scatter, shared.T)) - np.sum(others * own)
     return float(max(unexplained, 0.0) / others.sum())
-
-
-def _mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean, and standard deviation where there are two values or more."""
-    if len(values) == 0:
-        return np.nan, np.nan
-    return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else np.nan

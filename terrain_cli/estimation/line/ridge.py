@@ -34,10 +34,6 @@ DELTAS = np.logspace(-8.0, 0.0, 17)
 _LONG = 512
 #: ... so many samples at a time: few enough to stay in the processor's cache.
 _TOGETHER = 1024
-#: The same for sums of powers, and where in their rows 1, u, … u⁵ and e, e u, … e u⁴ stand.
-_PIECE, _U, _E = 4096, (4, 0, 1, 2, 3, 5), (6, 8, 9, 10, 7)
-#: Largest leverage of which powers above the fourth are left out: 6 · 10⁻¹⁵ at the most.
-_SLIGHT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -53,11 +49,7 @@ class Ridge:
 
 
 def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Array:
-    """Sum the squared errors of prediction of what is left out of each window, by δ, shape (17, w).
-
-    One of so many contiguous blocks, at least 2; without `folds` one sample, by the exact identity
-    residual/(1 − leverage).
-    """
+    """Sum the squared errors of what is left out, by δ, (17, w): of `folds` blocks, or of single samples."""
     design = _scaled(moments)
     if folds is None:
         return _leave_one_out(design, x, y, bounds)
@@ -145,14 +137,12 @@ def _leave_one_out(design: _Design, x: Array, y: Array, bounds: Bounds) -> Array
             loss[row] = segment_sum(residual * residual, bounds)
         return loss
     for j, (begin, end) in enumerate(pairwise(bounds)):
-        own = x[begin:end], y[begin:end]
-        fits = cohesion[:, j], slope[:, j], plus[:, j], minus[:, j]
-        found = _by_powers(design, j, *own, *fits)
-        loss[:, j] = _by_samples(design.scale[j], *own, *fits) if found is None else found
+        fit = cohesion[:, j], slope[:, j], plus[:, j], minus[:, j]
+        loss[:, j] = _of_one(design.scale[j], x[begin:end], y[begin:end], *fit)
     return loss
 
 
-def _by_samples(
+def _of_one(
     scale: float, x: Array, y: Array, cohesion: Array, slope: Array, plus: Array, minus: Array
 ) -> Array:
     """Sum the squared residuals of samples left out of one window, shape (deltas,)."""
@@ -170,58 +160,6 @@ def _by_samples(
         residual /= np.maximum(kept, 1e-12, out=kept)
         total += np.einsum("ij,ij->i", residual, residual)
     return total
-
-
-def _by_powers(
-    design: _Design, j: int, x: Array, y: Array, cohesion: Array, slope: Array, plus: Array, minus: Array
-) -> Array | None:
-    """Sum the squared residuals of samples left out of window j, None where one has much leverage.
-
-    With u the distance of x from its mean, in units of the scale, and e the residual of least
-    squares, what is left of a sample is e plus a line in u, and its leverage h is a parabola in u.
-    (1 − h)⁻² = 1 + 2 h + 3 h² + 4 h³ + 5 h⁴ + …, so that sums of products of e and powers of u do
-    for all δ.
-    """
-    scale, mean = design.scale[j], design.mean_x[j]
-    h0 = plus * design.plus[j] ** 2 + minus * design.minus[j] ** 2
-    h1, h2 = 2.0 * (plus * design.plus[j] - minus * design.minus[j]), plus + minus
-    ends = np.array([[x.min()], [x.max()]]) / scale - mean if len(x) else np.zeros((2, 1))
-    if not (h0 + ends * (h1 + ends * h2)).max() < _SLIGHT:
-        return None
-    least = design.covariance[j] / design.variance[j] if design.variance[j] else 0.0
-    powers, rows = np.zeros((4, 11)), np.empty((11, _PIECE))
-    rows[_U[0]] = 1.0
-    for first in range(0, len(x), _PIECE):
-        some = rows[:, : min(_PIECE, len(x) - first)]
-        u, e = some[_U[1]], some[_E[0]]
-        np.multiply(x[first : first + _PIECE], 1.0 / scale, out=u)
-        u -= mean
-        np.multiply(u, -least, out=e)
-        e += y[first : first + _PIECE]
-        e -= design.mean_y[j]
-        for before, row in (*pairwise(_U[1:]), *pairwise(_E)):
-            np.multiply(some[before], u, out=some[row])
-        # 1, u⁵, e and e u⁴ times all: too small for BLAS to take threads.
-        powers += some[4:8] @ some.T
-    # Σ u⁰ … u¹⁰, Σ e u⁰ … e u⁹ and Σ e² u⁰ … e² u⁸.
-    plain = np.append(powers[0].take(_U[:5]), powers[1].take(_U))
-    mixed = np.append(powers[0].take(_E), powers[1].take(_E))
-    square = np.append(powers[2].take(_E), powers[3].take(_E[1:]))
-    series = np.zeros((9, len(DELTAS)))
-    for factor in (5.0, 4.0, 3.0, 2.0, 1.0):
-        longer = h0 * series
-        longer[1:] += h1 * series[:-1]
-        longer[2:] += h2 * series[:-2]
-        series = longer
-        series[0] += factor
-    level, turn = design.mean_y[j] - cohesion - slope * mean, least - slope
-    return np.asarray(
-        np.einsum("kd,k->d", series, square)
-        + 2.0 * (level * (mixed[:9] @ series) + turn * (mixed[1:] @ series))
-        + level**2 * (plain[:9] @ series)
-        + 2.0 * level * turn * (plain[1:10] @ series)
-        + turn**2 * (plain[2:] @ series)
-    )
 
 
 def _leave_block_out(design: _Design, x: Array, y: Array, bounds: Bounds, folds: int) -> Array:

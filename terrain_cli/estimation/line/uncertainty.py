@@ -106,10 +106,7 @@ def _significant(moments: WindowMoments, channel: int, *, correlated: bool) -> M
 
 
 def _unbiased(correlation: Array, count: Array) -> Array:
-    """Lag-1 autocorrelation with its small-sample bias −(1 + 3ρ)/n put back (Marriott & Pope 1954).
-
-    Nothing is left of x where a channel explains all of it; that is not correlated.
-    """
+    """Lag-1 autocorrelation without its bias −(1 + 3ρ)/n (Marriott & Pope 1954); 0 where x is explained."""
     unbiased = (count * correlation + 1.0) / np.maximum(count - 3.0, 1.0)
     return np.nan_to_num(np.clip(unbiased, 0.0, 1.0))
 
@@ -128,18 +125,14 @@ def sampling_errors(moments: WindowMoments, line: Line, *, correlated: bool) -> 
 
     The residuals' autocorrelation is taken as a ρᵏ at lag k: white noise (a = 0), a first-order process (a =
     1) or the sum of the two, which is what a slow misfit under sensor noise looks like. a and ρ come from
-    lags 1 and 2. Least squares makes residuals look less correlated and smaller than the noise; the share of
-    both that the line takes up is put back (to first order, by iteration). The effective numbers of samples
-    follow as n/τ with τ = 1 + 2 Σ (1 − k/n) a ρᵏ for the mean and a (ρ ρx)ᵏ for the slope, where ρx is the
-    lag-1 autocorrelation of x (Bartlett 1935). Negative correlation is not used to shrink an error.
+    lags 1 and 2; what least squares takes up of them is put back. The effective numbers of samples follow as
+    n/τ with τ = 1 + 2 Σ (1 − k/n) a ρᵏ for the mean and a (ρ ρx)ᵏ for the slope, where ρx is the lag-1
+    autocorrelation of x (Bartlett 1935). Negative correlation is not used to shrink an error.
 
     Residuals that turn more smoothly than a first-order process are no noise but the misfit of the model,
-    which no number of samples averages out: the error is then that of two samples.
-
-    Variances of correlated residuals are widened by Student's t for the effective number of samples over that
-    for n, so that ± 1.96 se holds its 95 % where a window has few independent samples. With uncorrelated
-    residuals the variances are the textbook ones: those of steady test points, which have no order in time,
-    are not `correlated`.
+    which no number of samples averages out: the error is then that of two samples. Otherwise variances are
+    widened by Student's t, so that ± 1.96 se holds its 95 % where few samples are independent. Of steady test
+    points, which are not `correlated`, they are the textbook ones.
     """
     count, spread = moments.count, np.where(moments.varies(X), moments[0, X, X], np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -197,10 +190,7 @@ def _effective(moments: WindowMoments, line: Line) -> tuple[Array, Array, Array,
 
 
 def samples_per_independent(rho: Array, share: Array, count: Array) -> Array:
-    """Return how many samples make one independent one: 1 + 2 Σ (1 − k/n) a ρᵏ over lags k = 1 … n − 1.
-
-    ρ < 1 and the share a are of the autocorrelation a ρᵏ, all of shape (w,); between 1 and n/2.
-    """
+    """Return samples per independent one, 1 to n/2: 1 + 2 Σ (1 − k/n) a ρᵏ over lags k = 1 … n − 1."""
     total = rho / (1.0 - rho) - rho * (1.0 - rho**count) / (count * (1.0 - rho) ** 2)
     return np.asarray(np.clip(1.0 + 2.0 * share * total, 1.0, np.maximum(count / 2.0, 1.0)))
 
@@ -241,12 +231,10 @@ def uncertainty(
     """Errors of estimates (c in Pa, tan φ) made from least-squares lines; NaN where n < 3.
 
     A line turns about the mean point of its window. The stress there, s, is uncorrelated with the slope of
-    least squares; a linear estimator maps the sampling errors of both by `gain`, shape (2, 2, w): the
-    derivatives of its (s, tan φ) by those of least squares. To them is added what sampling does not see, as
-    mean squares: to tan φ the distance to a truth anywhere within the bounds that the channels put on φ, and
-    to s the pull of a penalty away from the mean of y, and to both the share that dropping κ3 makes of them.
-    Residuals about the true line are larger than about the line fitted to noise, by as much as the two may
-    differ in slope; the error of s allows for that too.
+    least squares; a linear estimator maps the sampling errors of both by `gain`, shape (2, 2, w), its
+    derivatives. To them is added what sampling does not see, as mean squares: to tan φ the distance to any
+    truth within the bounds that the channels put on φ, to s the pull of a penalty away from the mean of y,
+    and to both the share of dropping κ3. The error of s allows for residuals about the true line, too.
     """
     mean_x, mean_y = moments.mean[X], moments.mean[Y]
     sampling = sampling_errors(moments, line, correlated=correlated)

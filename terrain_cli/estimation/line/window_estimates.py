@@ -139,29 +139,20 @@ def estimate_windows(
 ) -> WindowEstimates:
     """Estimate c and φ of every window by equations [26] and [27] of Iagnemma et al. 2004.
 
-    Both least squares and ridge are computed; `method` says which of them `c` and `phi` are: `auto` is least
-    squares up to a condition number of 100 and ridge above; the recursive estimate of a whole window
-    (`recursive`) is that of least squares. A window does not depend on the others.
+    Both least squares and ridge are computed; `auto` is least squares up to a condition number of 100, and
+    ridge above; the recursive estimate of a whole window is that of least squares.
 
-    Standard errors hold for correlated residuals (see `uncertainty`) and include the bias of a line fitted to
-    stresses computed from noisy channels (see `uncertainty`), so that they do not go to zero with the number
-    of samples. On simulated windows with 3 % of white noise in all four channels, a constant load is called
-    anything but "not-separable" in less than 1 % of the windows, and random variation of the load by ±15 % is
-    called "not-separable" in 3 % of the windows of 30 samples and less than 1 % of 100.
+    Standard errors hold for correlated residuals and include the bias of a line fitted to stresses computed
+    from noisy channels (`uncertainty`): they do not go to zero with the number of samples. Of simulated
+    windows with 3 % of white noise in all channels, a constant load is called anything but "not-separable" in
+    less than 1 %; random variation of the load by ±15 % is called so in 3 % of the windows of 30 samples and
+    less than 1 % of 100. The linearised stresses and k are taken as true; see `assumed.with_assumptions`. Of
+    ridge it is a mean square error: it has the distance to the bounds of φ and to the mean stress too, where
+    the penalty's bias shows.
 
-    They are errors of the data, with the linearised stresses and k taken as true; see
-    `assumed.with_assumptions`.
-
-    The error of a ridge estimate is a mean square error: that of the penalised estimator, plus its distance
-    to the bounds of φ and to the mean stress, which is where the penalty's bias shows.
-
-    x and y, shape (n,), are stresses of `mechanics.linear.line_coordinates`, Pa, finite; window j is the
-    samples bounds[j] to bounds[j + 1] − 1, from 0 to n. W in N, T in N m, z, r, b and k in m. Windows of
-    fewer than `min_samples` have the status "too-few-samples"; steady test points, which have no order in
-    time, are not `correlated`. Ridge chooses δ by leaving out one of so many contiguous blocks (`folds`),
-    which is the better judge of correlated samples; by default by leaving out one sample. UsageError: unknown
-    method, or fewer than 2 folds; ValueError: arrays of different length, or bounds that do not go from 0 to
-    n.
+    x and y, shape (n,), finite, are of `mechanics.linear.line_coordinates`; window j is the samples bounds[j]
+    to bounds[j + 1] − 1. Steady test points, which have no order in time, are not `correlated`, and `folds`
+    are contiguous blocks, the better judge of samples that are; by default single samples are left out.
     """
     if method not in get_args(LineMethod):
         raise UsageError(f"no method {method!r}", hint=f"one of {', '.join(get_args(LineMethod))}")
@@ -171,13 +162,8 @@ def estimate_windows(
     bounds = np.asarray(bounds, dtype=np.intp)
     if any(row.shape != (rows[0].size,) for row in rows):
         raise ValueError("x, y and the channels must be one-dimensional and of one length")
-    if (
-        bounds.ndim != 1
-        or bounds.size == 0
-        or bounds[0] != 0
-        or bounds[-1] != rows[0].size
-        or np.any(np.diff(bounds) < 0)
-    ):
+    whole = bounds.ndim == 1 and bounds.size and (bounds[0], bounds[-1]) == (0, rows[0].size)
+    if not whole or np.any(np.diff(bounds) < 0):
         raise ValueError("bounds must rise from 0 to the number of samples")
     geometry = {"radius": radius, "width": width, "shear_modulus": shear_modulus}
     parts = [

@@ -84,11 +84,7 @@ def measured(log: SimulatedLog) -> Figure:
 
 
 def convergence(trace: Mapping[str, Any]) -> Figure:
-    """Draw c and φ of one wheel, each with ± 1.96 standard errors, after every sample.
-
-    Or after those of the column "sample", which counts the samples of each segment, as "before" those of the
-    segments before.
-    """
+    """Draw c and φ of one wheel, with ± 1.96 standard errors, after every sample or those of "sample"."""
     figure = Picture(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
     number = np.asarray(trace["segment"])

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import LogNorm
 from matplotlib.patches import Patch
 
 from terrain_cli.diagnosis.verdict import sizes_text
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.improvement.improvement_outcome import Interval
     from terrain_cli.improvement.model_history import Rung
     from terrain_cli.vocabulary.arrays import Array
@@ -42,10 +43,7 @@ _APART = 0.18
 
 
 def predicted_measured(comparison: Comparison) -> Figure:
-    """Draw measured less predicted over the predicted value, a panel for each channel.
-
-    Not over the measured value: its noise is in the residual too, and would look like a failure.
-    """
+    """Draw residuals over the prediction: noise of what was measured, in both, would look like a failure."""
     shown = shown_samples.channels(comparison)
     wheels = [wheel.wheel for wheel in comparison.wheels]
     figure = Picture(figsize=(3.4 * len(shown), 3.9))
@@ -85,14 +83,6 @@ def _legend(figure: Figure, axes: Axes, most: int) -> None:
         figure.legend(handles, labels, loc="outside upper left", ncols=min(len(labels), most))
 
 
-def _counts(axes: Axes, grid: shown_samples.Grid) -> QuadMesh:
-    from matplotlib.colors import LogNorm
-
-    counts = np.ma.masked_equal(grid.counts, 0.0)
-    norm = LogNorm(1.0, max(float(grid.counts.max()), 2.0))
-    return axes.pcolormesh(grid.x, grid.y, counts, cmap=COUNTS, norm=norm, rasterized=True)
-
-
 def residuals(comparison: Comparison, channel: str) -> Figure:
     """Draw the residual of a channel against its drivers, with the band of 5 to 95 % about its median."""
     errors, what = comparison.channels[channel], shown_samples.channels(comparison)[channel]
@@ -128,7 +118,10 @@ def _along(
     if len(known) > shown_samples.MOST_POINTS:
         low, high = np.percentile(residual[known], [0.1, 99.9])
         near = known[(residual[known] >= low) & (residual[known] <= high)]
-        mesh = _counts(axes, shown_samples.grid(driver[near], residual[near]))
+        grid = shown_samples.grid(driver[near], residual[near])
+        norm = LogNorm(1.0, max(float(grid.counts.max()), 2.0))
+        counts = np.ma.masked_equal(grid.counts, 0.0)
+        mesh = axes.pcolormesh(grid.x, grid.y, counts, cmap=COUNTS, norm=norm, rasterized=True)
     else:
         for index, label in enumerate(wheels or [None]):
             here = known[pooled.wheel[known] == index] if wheels else known
@@ -192,7 +185,9 @@ def candidates(found: Diagnosis) -> Figure | None:
         loss.errorbar(one.loss, at, xerr=1.96 * one.loss_se, fmt="o", color=ink, capsize=2.5, markersize=5.0)
     loss.axvline(0.0, color=INK, linewidth=0.8)
     loss.set_xlabel("change of the held-out loss, 95 %\n(noise variances per sample)")
-    explained.set_yticks(place, [_named(one) for one in fitted])
+    doubts = [f" ({one.doubt})" if one.doubt else "" for one in fitted]
+    names = [f"{one.effect}{doubt}\n{sizes_text(one)}" for one, doubt in zip(fitted, doubts, strict=True)]
+    explained.set_yticks(place, names)
     explained.invert_yaxis()
     for axes in (explained, loss):
         axes.grid(axis="x", linewidth=0.4, alpha=0.5)
@@ -203,11 +198,6 @@ def candidates(found: Diagnosis) -> Figure | None:
     ]
     figure.legend(handles=handles, loc="outside upper left", ncols=2)
     return figure
-
-
-def _named(one: Candidate) -> str:
-    doubt = f" ({one.doubt})" if one.doubt else ""
-    return f"{one.effect}{doubt}\n{sizes_text(one)}"
 
 
 def errors(ladder: Sequence[Rung]) -> Figure | None:

@@ -171,10 +171,7 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
 
 
 def track(table: Mapping[str, Any], misfit: Mapping[str, ArrayLike]) -> Figure | None:
-    """Draw the track of each wheel by the soil's strength, and by misfits; None where no segment has a place.
-
-    `misfit` has a value of each segment, by its label with the unit.
-    """
+    """Draw the track of each wheel by strength and by each misfit; None where no segment has a place."""
     paths = shown_segments.paths(table)
     if not any(len(path) for path in paths):
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import formats
 from terrain_cli.version import __version__
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.improvement.model_alternatives import Alternative
+    from terrain_cli.improvement.change_trial import Alternative
 
 __all__ = ["Chart", "Section", "Table", "history", "page", "write"]
 
@@ -35,19 +35,11 @@ __all__ = ["Chart", "Section", "Table", "history", "page", "write"]
 def write(
     comparison: Comparison,
     path: str | Path,
-    *,
-    models: Sequence[Alternative] = (),
-    further: Sequence[Section] = (),
-    asked: Asked | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    **options: Any,
 ) -> None:
-    """Write the report of a comparison; `further` sections follow, if there is something in them.
-
-    A reader chooses between `models`, where there are several. The next command repeats what was asked of
-    which files.
-    """
+    """Write the report of a comparison into a file; as `page`."""
     chart_style.need("report")
-    text = page(comparison, models=models, further=further, asked=asked, progress=progress)
+    text = page(comparison, **options)
     with formats.replacing(str(path)) as temporary:
         Path(temporary).write_text(text, encoding="utf-8")
 
@@ -60,6 +52,7 @@ def page(
     asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
+    """Return the report of a comparison; `further` sections follow, if there is something in them."""
     shown, choices, chosen = sections.of(comparison, progress, asked)
     by_model = model_sections.section(models)
     kept = [section for section in (*shown, by_model, *further) if section]

@@ -41,11 +41,7 @@ _GAP = 8.0
 
 
 def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> Spec:
-    """Draw the segments of the chosen one's wheel on a map, coloured by a value; the chosen one stands out.
-
-    Other wheels went nearly the same way, and would hide it. The keys of the table are the number of a wheel,
-    a colon, and that of its segment.
-    """
+    """Draw the chosen segment's wheel on a map, by a value: others went nearly the same way, and hide it."""
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
     paths = shown_segments.paths(table)
@@ -106,10 +102,10 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
     y = alt.Y("y:Q", title="friction angle φ (°)", scale=scale(*phi))
     n = len(kinds)
     points = sheet.chart(
-        x=np.asarray(table["c_kPa"], float),
-        y=np.asarray(table["phi_deg"], float),
-        xe=np.asarray(table["c_se_kPa"], float),
-        ye=np.asarray(table["phi_se_deg"], float),
+        x=table["c_kPa"],
+        y=table["phi_deg"],
+        xe=table["c_se_kPa"],
+        ye=table["phi_se_deg"],
         s=key,
         name=name,
         kind=kinds,
@@ -268,11 +264,7 @@ def _timeline(
 def course(
     along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen: str, *, driven: bool
 ) -> Spec:
-    """Draw measured and predicted values along the chosen segment, by time, slip or the number of the sample.
-
-    Where the samples were `driven` in that order, the prediction is a line. `keys`, of the segments, choose
-    one.
-    """
+    """Draw measured and predicted values along the chosen segment; a line where they were `driven` so."""
     sheet = Sheet(chosen)
     # A line does not bridge what was not driven.
     step = np.diff(along)

@@ -18,7 +18,7 @@ from terrain_cli.vocabulary.quantities import counted
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from terrain_cli.improvement.model_alternatives import Alternative
+    from terrain_cli.improvement.change_trial import Alternative
     from terrain_cli.views.report.page_parts import Spec
     from terrain_cli.views.shown_samples import Band
     from terrain_cli.vocabulary.quantities import Quantity

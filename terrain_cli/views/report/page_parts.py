@@ -91,10 +91,7 @@ def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
 
 
 class Sheet:
-    """A chart being drawn: its data, kept apart from its encodings, and what is chosen at first.
-
-    `control` is the one that chooses: "segment" or "model".
-    """
+    """A chart being drawn, its data kept apart; `control` is what chooses: "segment" or "model"."""
 
     def __init__(self, chosen: str | None = None, control: str = "segment") -> None:
         self._datasets: dict[str, list[dict[str, Any]]] = {}

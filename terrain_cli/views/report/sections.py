@@ -283,10 +283,7 @@ def _few_of_each(segment: NDArray[np.int32], kept: Index) -> Index:
 
 
 def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
-    """Return what samples are shown along, its title, and whether they were driven in its order.
-
-    Time where every wheel has it; of steady test points the slip.
-    """
+    """Return time, or of steady points the slip, its title, and whether samples were driven in its order."""
     if any(wheel.samples.time is None for wheel in comparison.wheels):
         if any("slip" not in wheel.drivers for wheel in comparison.wheels):
             return few.row.astype(float) + 1.0, "sample", False

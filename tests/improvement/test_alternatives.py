@@ -7,7 +7,7 @@ from changed_models import write_all
 
 from terrain_cli import models, rover, telemetry
 from terrain_cli.improvement import compared
-from terrain_cli.improvement.model_alternatives import alternatives
+from terrain_cli.improvement.change_trial import alternatives
 from terrain_cli.windows import cut_windows
 
 
