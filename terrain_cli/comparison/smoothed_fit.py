@@ -151,7 +151,7 @@ def solve(
     state = anew(None)
     spread = _spread(data, state.left)
     for _ in range(rounds):
-        damping, harder = _DAMPING, _HARDER
+        damping, harder, begun = _DAMPING, _HARDER, state
         cost = _cost(state.left, t, common, spread)
         normal = _normal(data, state, spread)
         for _ in range(_ITERATIONS):
@@ -172,13 +172,13 @@ def solve(
                 normal = _normal(data, state, spread)
             else:
                 damping, harder = damping * harder, 2.0 * harder
+        if state is not begun:
+            # Sinkages anew: some may have been out of reach before.
+            state = anew(state.sinkage)
         weighed = _spread(data, state.left)
         if abs(np.log(weighed / spread)) < 0.1:
             break
         spread = weighed
-        # Sinkages anew: some may have been out of reach before.
-        state = anew(state.sinkage)
-    state = anew(state.sinkage)
     return Solution(
         model=model,
         unknowns=sought,
@@ -272,6 +272,7 @@ def _carrying(
         return None
     numbers = smoothed_model.parameters(sought, t[data.window], common, data.window)
     whole = replace(data, white=Whitening(("sinkage",), np.eye(1)))
+    guess = data.measured.get("sinkage") if guess is None else guess
     return smoothed_model.forecast(model, whole, numbers, order=smoothed_model.ORDER, guess=guess)[0][
         "sinkage"
     ]

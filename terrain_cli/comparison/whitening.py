@@ -49,12 +49,14 @@ class Whitening:
 
     def _by_root(self, stacked: Array, known: NDArray[np.bool_], *, inverse: bool) -> Array:
         """Multiply each sample by the root of the covariance of what is known of it, or by its inverse."""
-        result = np.zeros_like(stacked)
+        # Nearly all samples have every channel, and to pick them out costs more than the product.
+        result = _each(self._root(np.arange(len(self.channels)), inverse=inverse), stacked)
         if known.all():
-            # Nothing to pick out, which costs more than the product.
-            return _each(self._root(np.arange(len(self.channels)), inverse=inverse), stacked)
+            return result
         pattern = known @ (1 << np.arange(len(self.channels)))
-        for code in np.unique(pattern[pattern > 0]):
+        whole = (1 << len(self.channels)) - 1
+        result[pattern < whole] = 0.0
+        for code in np.unique(pattern[(pattern > 0) & (pattern < whole)]):
             rows = np.flatnonzero(pattern == code)
             there = np.flatnonzero(known[rows[0]])
             matrix = self._root(there, inverse=inverse)
