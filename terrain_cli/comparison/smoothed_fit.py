@@ -272,7 +272,6 @@ def _carrying(
         return None
     numbers = smoothed_model.parameters(sought, t[data.window], common, data.window)
     whole = replace(data, white=Whitening(("sinkage",), np.eye(1)))
-    guess = data.measured.get("sinkage") if guess is None else guess
     return smoothed_model.forecast(model, whole, numbers, order=smoothed_model.ORDER, guess=guess)[0][
         "sinkage"
     ]
