@@ -140,4 +140,5 @@ def _predict(
             parameters(rows),
             given="load" if load_given else "sinkage",
             by=by,
+            start=channels["sinkage"][rows] if load_given and "sinkage" in channels else None,
         )

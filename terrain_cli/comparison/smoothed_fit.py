@@ -144,14 +144,10 @@ def solve(
     within = _of_wheels(sought)
     t, common = inside(within.local, t), inside(within.shared, common)
 
-    def anew(before: Array | None) -> _State:
-        guess = _carrying(model, sought, data, t, common, before)
-        return _linear(model, sought, data, t, common, guess)
-
-    state = anew(None)
+    state = _linear(model, sought, data, t, common, _carrying(model, sought, data, t, common))
     spread = _spread(data, state.left)
     for _ in range(rounds):
-        damping, harder = _DAMPING, _HARDER
+        damping, harder, begun = _DAMPING, _HARDER, state
         cost = _cost(state.left, t, common, spread)
         normal = _normal(data, state, spread)
         for _ in range(_ITERATIONS):
@@ -172,13 +168,16 @@ def solve(
                 normal = _normal(data, state, spread)
             else:
                 damping, harder = damping * harder, 2.0 * harder
+        if state is not begun:
+            sinkage = state.sinkage
+            if sinkage is not None and np.isnan(sinkage[np.isfinite(data.inputs["load"])]).any():
+                # Those that were out of reach before need not be any more.
+                sinkage = _carrying(model, sought, data, t, common, sinkage)
+            state = _linear(model, sought, data, t, common, sinkage)
         weighed = _spread(data, state.left)
         if abs(np.log(weighed / spread)) < 0.1:
             break
         spread = weighed
-        # Sinkages anew: some may have been out of reach before.
-        state = anew(state.sinkage)
-    state = anew(state.sinkage)
     return Solution(
         model=model,
         unknowns=sought,
@@ -224,8 +223,9 @@ def neutral(model: Model, sought: Unknowns, data: SmoothedData, common: Array) -
     if "stiffness" not in names or "sinkage" not in data.measured or model.base == "linear":
         return t
     column = names.index("stiffness")
+    sunk: Array | None = None
     for _ in range(_CARRIED):
-        sunk = _carrying(model, sought, data, t, common)
+        sunk = _carrying(model, sought, data, t, common, sunk)
         if sunk is None:
             return t
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -99,9 +99,10 @@ def forecast(
     """Predict the channels, NaN where not predictable, and differentiate them, (n, len(by)).
 
     `numbers` has every parameter of every sample; `order` is the number of nodes on each arc; `guess` has
-    sinkages near those that are sought, in m, NaN where there is none.
+    sinkages near those that are sought, in m, NaN where there is none; without it they are those measured.
     """
     names, n = data.white.channels, len(data.use)
+    guess = data.measured.get("sinkage") if guess is None else guess
     given = "sinkage" if "sinkage" in data.inputs else "load"
     # The base linear takes both; so does what is to be compared with it.
     both = given == "sinkage" and "load" in data.inputs
@@ -148,9 +149,13 @@ def _known(data: SmoothedData, names: Iterable[str]) -> NDArray[np.bool_]:
     return np.asarray(np.all([np.isfinite(data.inputs[name]) for name in names], axis=0))
 
 
-def _slabs(fine: NDArray[np.bool_]) -> Iterator[Index]:
+def _slabs(fine: NDArray[np.bool_]) -> Iterator[Index | slice]:
     rows = np.flatnonzero(fine)
-    yield from (rows[start : start + _SLAB] for start in range(0, len(rows), _SLAB))
+    for start in range(0, len(rows), _SLAB):
+        slab = rows[start : start + _SLAB]
+        first, end = int(slab[0]), int(slab[-1]) + 1
+        # Rows without a gap are looked at, and not copied.
+        yield slice(first, end) if end - first == len(slab) else slab
 
 
 def _carrying(
@@ -193,27 +198,28 @@ def nearby(
     moved = np.full(n, np.nan)
     fine = _known(data, {"slip", "load", *model.needs} & data.inputs.keys())
     for some in _slabs(fine & np.isfinite(guess) & (guess > 0.0)):
+        begun = guess[some]
         with np.errstate(all="ignore"):
             part = predict(
                 model,
                 data.geometry,
-                {**{name: column[some] for name, column in data.inputs.items()}, "sinkage": guess[some]},
+                {**{name: column[some] for name, column in data.inputs.items()}, "sinkage": begun},
                 {name: column[some] for name, column in numbers.items()},
                 by=(*by, "sinkage"),
                 order=ORDER,
             )
-        steep = np.broadcast_to(slopes(part.balance).get("sinkage", 0.0), (len(some),))
+        steep = np.broadcast_to(slopes(part.balance).get("sinkage", 0.0), begun.shape)
         steep = np.where(np.abs(steep) > 0.0, steep, np.inf)
-        step = np.clip(-value(part.balance) / steep, -0.5 * guess[some], guess[some])
+        step = np.clip(-value(part.balance) / steep, -0.5 * begun, begun)
         # So far from the load there may be no sinkage that carries it.
         near = np.abs(value(part.balance)) <= _CARRIES * np.abs(data.inputs["load"][some])
         # Nor one that bears less the deeper the wheel is.
         near &= steep > 0.0
-        moved[some] = np.where(near, guess[some] + step, np.nan)
-        along = [np.broadcast_to(-slopes(part.balance).get(p, 0.0) / steep, (len(some),)) for p in by]
+        moved[some] = np.where(near, begun + step, np.nan)
+        along = [-slopes(part.balance).get(p, 0.0) / steep for p in by]
         for name in names:
             if name == "sinkage":
-                found[name][some] = guess[some] + step
+                found[name][some] = begun + step
                 for column, slope in enumerate(along):
                     tables[name][some, column] = slope
                 continue

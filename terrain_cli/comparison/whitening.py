@@ -8,6 +8,7 @@ of a root of their covariance: what is left has variance 1 in every channel and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,17 +50,25 @@ class Whitening:
 
     def _by_root(self, stacked: Array, known: NDArray[np.bool_], *, inverse: bool) -> Array:
         """Multiply each sample by the root of the covariance of what is known of it, or by its inverse."""
-        result = np.zeros_like(stacked)
+        # Nearly all samples have every channel, and to pick them out costs more than the product.
+        result = _each(self._whole[inverse], stacked)
         if known.all():
-            # Nothing to pick out, which costs more than the product.
-            return _each(self._root(np.arange(len(self.channels)), inverse=inverse), stacked)
+            return result
         pattern = known @ (1 << np.arange(len(self.channels)))
-        for code in np.unique(pattern[pattern > 0]):
+        whole = (1 << len(self.channels)) - 1
+        result[pattern < whole] = 0.0
+        for code in np.unique(pattern[(pattern > 0) & (pattern < whole)]):
             rows = np.flatnonzero(pattern == code)
             there = np.flatnonzero(known[rows[0]])
             matrix = self._root(there, inverse=inverse)
             result[np.ix_(rows, there)] = _each(matrix, stacked[np.ix_(rows, there)])
         return result
+
+    @cached_property
+    def _whole(self) -> tuple[Array, Array]:
+        """The root of the covariance of all channels, and its inverse."""
+        there = np.arange(len(self.channels))
+        return self._root(there, inverse=False), self._root(there, inverse=True)
 
     def _root(self, there: Index, *, inverse: bool) -> Array:
         """Return the root of the covariance of the channels that are there, or its inverse."""

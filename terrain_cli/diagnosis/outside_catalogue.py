@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +19,11 @@ from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from terrain_cli.diagnosis.drafted_laws import Draft
     from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.diagnosis.signatures import SignatureEvidence
     from terrain_cli.vocabulary.arrays import Array
 
 
@@ -54,13 +57,18 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         }
         # What a law takes off is the same however the samples are cut into blocks.
         one_block = np.zeros(len(rows), dtype=np.intp)
-        for changes, driver, form, tables in drafted_laws.screen(wheel, values, known.channels, rows):
-            width = next(iter(tables.values())).shape[1]
-            table = known.whitened(tables, width)
-            found, _ = signatures.scores(known.residual, known.soil, table, wheel.window[rows], one_block, 1)
-            _, _, gain = found.fit(np.arange(width))
-            key = (changes, driver, form)
-            ranked[key] = ranked.get(key, 0.0) + gain - criteria.FURTHER_PARAMETER * width
+        screened = drafted_laws.screen(wheel, values, known.channels, rows)
+        for changes, drafts in groupby(screened, key=itemgetter(0)):
+            several = [(draft[1:3], _whitened(known, draft[3])) for draft in drafts]
+            tables = np.concatenate([table for _, table in several], axis=2)
+            found, _ = signatures.scores(known.residual, known.soil, tables, wheel.window[rows], one_block, 1)
+            first = 0
+            for (driver, form), table in several:
+                width = table.shape[2]
+                _, _, gain = found.fit(np.arange(first, first + width))
+                key = (changes, driver, form)
+                ranked[key] = ranked.get(key, 0.0) + gain - criteria.FURTHER_PARAMETER * width
+                first += width
         for driver, column in values.items():
             columns.setdefault(driver, column)
     written: list[tuple[Draft, Hypothesis, list[dict[str, Array]]]] = []
@@ -83,6 +91,10 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
     )
     tried.sort(key=lambda one: float(one.refit.loss.sum()))
     return _plainest(tried, base)
+
+
+def _whitened(known: SignatureEvidence, tables: Mapping[str, Array]) -> Array:
+    return known.whitened(tables, next(iter(tables.values())).shape[1])
 
 
 def _tried(data: Ground, written: tuple[Draft, Hypothesis, list[dict[str, Array]]]) -> Tried:

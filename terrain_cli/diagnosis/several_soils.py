@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import smoothed_fit
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -113,17 +114,14 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
         index = int(np.argmax([gain for gain, _ in places]))
         if not places[index][0] > 0.0:
             break
-        sample = int(found.rows[index][places[index][1]])
-        cut = refits.ground(
-            [_cut(w, sample) if k == index else w for k, w in enumerate(found.wheels)],
-            block,
-            MOST_SAMPLES,
-            data,
-        )
-        after = refits.refit(cut, None)
-        if not refit_ranking.beats(after, before):
+        place = places[index][1]
+        # Most steps are none, and to fit wheels as `compare` does takes far longer.
+        if not refit_ranking.beats(refits.refit(_split(found, index, place), None), before):
             break
-        found, before = cut, after
+        sample = int(found.rows[index][place])
+        wheels = [_cut(w, sample) if k == index else w for k, w in enumerate(found.wheels)]
+        found = refits.ground(wheels, block, MOST_SAMPLES, data)
+        before = refits.refit(found, None)
         told.append(_where(found.wheels[index], sample))
     if not told or not _share(data, plain, before) > criteria.STEPS_SHARE:
         return None
@@ -196,6 +194,20 @@ def _gains(solution: Solution, rows: Index) -> Array:
     first = explained(square[inner] + prior, product[inner])
     second = explained(square[-1] - square[inner] + prior, product[-1] - product[inner])
     return np.asarray(first + second - explained(square[-1] + prior, product[-1]) - q)
+
+
+def _split(data: Ground, index: int, place: int) -> Ground:
+    """Fit the base of one wheel with one more soil, from a fitted sample on."""
+    wheel, part, base = data.wheels[index], data.data[index], data.base[index]
+    window = int(part.window[place])
+    later = (part.window > window) | ((part.window == window) & (np.arange(len(part.window)) >= place))
+    part = replace(part, window=part.window + later, windows=part.windows + 1)
+    t = np.insert(base.t, window + 1, base.t[window], axis=0)
+    begun = ((t, base.common), (None, base.common))
+    solution = smoothed_fit.search(wheel.model, base.unknowns, part, begun)
+    datas, solutions = list(data.data), list(data.base)
+    datas[index], solutions[index] = part, solution
+    return replace(data, data=datas, base=solutions)
 
 
 def _cut(wheel: FittedWheel, sample: int) -> FittedWheel:

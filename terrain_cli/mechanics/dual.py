@@ -167,20 +167,21 @@ UNKNOWN = "(unknown)"
 #: Most steps: Newton takes a handful, bisection alone would take 50; and steps after which a soil is asked
 #: whether it carries the load at all.
 _STEPS, _PATIENCE = 100, 7
-_CLOSE = 1e-12
-#: Step of Newton, on logarithms, that leaves an error of its square.
-_LAST = 1e-6
+#: Error that a root may have, as a share.
+CLOSE = 1e-12
 
 
-def carrying(carried: Callable[[Dual], Any], load: Array, start: Array, deepest: float) -> tuple[Array, Mask]:
+def carrying(
+    carried: Callable[[Any], Any], load: Array, start: Array, deepest: float, close: float = CLOSE
+) -> tuple[Array, Mask]:
     """Find the sinkage in m at which a soil carries a load in N, and tell where there is one.
 
-    Newton's steps on the logarithms, of which load and sinkage nearly are a line, kept within a bracket that
-    bisection narrows where a step would leave it.
+    A step of Newton and then steps along secants, on the logarithms, of which load and sinkage nearly are a
+    line, kept within a bracket that bisection narrows where a step would leave it.
 
-    `carried` gives the load of a sinkage with its derivative; `start` is a first guess, of which NaN will do,
-    and `deepest` the most that is sought. There is none where the soil does not carry the load at the
-    deepest, or the load is not positive.
+    `carried` gives the load of a sinkage, with its derivative if the sinkage has one; `start` is a guess, of
+    which NaN will do, `deepest` the most that is sought, and `close` the error that may be left, as a share.
+    There is none where the soil does not carry the load at the deepest, or the load is not positive.
     """
     high = np.full(load.shape, np.log(deepest))
     low = high + np.log(1e-9)
@@ -189,25 +190,30 @@ def carrying(carried: Callable[[Dual], Any], load: Array, start: Array, deepest:
         place = np.where((place > low) & (place < high), place, high - 1.0)
         hopeless = ~(load > 0.0)
         done = hopeless.copy()
+        first = carried(seed(np.exp(place), UNKNOWN))
+        here = value(first)
+        steep, way = slopes(first)[UNKNOWN] * np.exp(place) / here, None
         for number in range(_STEPS):
+            short = here < load
+            low, high = np.where(short, place, low), np.where(short, high, place)
+            step = np.log(load / here) / steep
+            target = place + step
+            safe = (target > low) & (target < high)
+            # What a step leaves is less than its product with the one before; with itself, of Newton's.
+            last = np.abs(step * (step if way is None else way)) <= close
+            # As small a step may leave the bracket by rounding.
+            target = np.where(safe | last, target, 0.5 * (low + high))
+            target = np.where(done, place, target)
+            done |= last
             if number == _PATIENCE:
-                hopeless |= ~done & ~(value(carried(seed(np.full(load.shape, deepest), UNKNOWN))) >= load)
+                hopeless |= ~done & ~(carried(np.full(load.shape, deepest)) >= load)
                 done |= hopeless
             if np.all(done):
                 break
-            z = np.exp(place)
-            here = carried(seed(z, UNKNOWN))
-            short = value(here) < load
-            low, high = np.where(short, place, low), np.where(short, high, place)
-            step = np.log(load / value(here)) * value(here) / (slopes(here)[UNKNOWN] * z)
-            target = place + step
-            safe = (target > low) & (target < high)
-            # A step as small as this may leave the bracket by rounding.
-            last = np.abs(step) <= _LAST
-            target = np.where(safe | last, target, 0.5 * (low + high))
-            place = np.where(done, place, target)
-            done = done | last
-    return np.exp(place), done & ~hopeless
+            before, here, way = here, carried(np.exp(target)), target - place
+            steep = np.where(way == 0.0, steep, np.log(here / before) / way)
+            place = target
+    return np.exp(target), done & ~hopeless
 
 
 def inverse(shown: Callable[[Dual], Any], measured: Array) -> Array:
@@ -217,7 +223,7 @@ def inverse(shown: Callable[[Dual], Any], measured: Array) -> Array:
         here = shown(seed(true, UNKNOWN))
         step = (value(here) - measured) / slopes(here)[UNKNOWN]
         true = true - step
-        if not np.any(np.abs(step) > _CLOSE * np.abs(true)):
+        if not np.any(np.abs(step) > CLOSE * np.abs(true)):
             break
     return true
 

@@ -43,6 +43,8 @@ _MEASURED = frozenset({"slip", "load"})
 DEEPEST = 1.5
 #: Least values of what a law may have driven through zero.
 _LEAST = {"shear_modulus": 1e-6, "stiffness": 1.0, "sinkage_exponent": 0.05}
+#: Share of a sinkage by which it may be off where a caller settles for fewer nodes: less than these leave.
+_NEAR = 1e-8
 #: Nodes of an arc at a time: so many that Python's own time is nothing beside that of NumPy, and so few
 #: that their arrays stay in the processor's cache.
 _BLOCK = 32_000
@@ -349,13 +351,15 @@ class _Block:
         stiffness, exponent = (value(self.soil[name]) for name in ("stiffness", "sinkage_exponent"))
         arc = self.wheel.width * (3.0 - np.minimum(exponent, 2.0)) * np.sqrt(2.0 * self.wheel.radius)
         start = (3.0 * np.maximum(wanted, 0.0) / (stiffness * arc)) ** (1.0 / (exponent + 0.5))
+        deepest = 2.0 * self.wheel.radius * np.sin(0.5 * DEEPEST) ** 2
         if self.guess is not None:
-            start = np.where(self.guess > 0.0, self.guess, start)
+            start = np.where((self.guess > 0.0) & (self.guess < deepest), self.guess, start)
         true, found = dual.carrying(
             lambda z: plain.under_wheel(_Missing({**known, "sinkage": z})),
             wanted,
             np.broadcast_to(start, self.shape),
-            2.0 * self.wheel.radius * np.sin(0.5 * DEEPEST) ** 2,
+            deepest,
+            dual.CLOSE if self.order is None else _NEAR,
         )
         root: Any = true
         if self.by:

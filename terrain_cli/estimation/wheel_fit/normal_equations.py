@@ -17,6 +17,7 @@ Of shapes, w counts windows, p own and q shared unknowns, n samples of k channel
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -151,14 +152,16 @@ def products(one: Array, other: Array, cell: Index, cells: int) -> Array:
     They are of shape (n, k, a) and (n, k, b): the design twice makes JᵀJ, the design and the residuals Jᵀr.
     """
     total = np.zeros((cells, one.shape[2], other.shape[2]))
-    order = np.argsort(cell, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-        if len(rows):
-            # As one product of two matrices: for few samples `tensordot` takes longer to get there.
-            first, second = (
-                some[rows].reshape(len(rows) * some.shape[1], some.shape[2]) for some in (one, other)
-            )
-            total[cell[rows[0]]] = np.dot(first.T, second)
+    if np.any(cell[1:] < cell[:-1]):
+        order = np.argsort(cell, kind="stable")
+        one, other, cell = one[order], other[order], cell[order]
+    ends = np.flatnonzero(np.diff(cell, append=-1)) + 1
+    for first, last in pairwise([0, *ends.tolist()]):
+        # As one product of two matrices: for few samples `tensordot` takes longer to get there.
+        left, right = (
+            some[first:last].reshape((last - first) * some.shape[1], some.shape[2]) for some in (one, other)
+        )
+        total[cell[first]] = np.dot(left.T, right)
     return total
 
 
