@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import effects as catalogues
 from terrain_cli import processes
 from terrain_cli.comparison.drivers import functions_under_all
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -76,7 +77,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         draft = drafted_laws.write(
             changes, driver, form, columns.get(driver), _unit(data, driver), usual=_usual(data, changes)
         )
-        if draft is None or signatures.possible(data.wheels[0].model, draft.effect):
+        if draft is None or catalogues.conflict(data.wheels[0].model, draft.effect):
             continue
         model = data.wheels[0].model
         one = Hypothesis(

@@ -9,9 +9,10 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from terrain_cli import effects as catalogues
 from terrain_cli import processes
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import refit_ranking, refits, screening, signatures
+from terrain_cli.diagnosis import refit_ranking, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.mechanics.wheel_model import Model
 
@@ -116,7 +117,7 @@ def _after(data: Ground, base: Refit, one: Hypothesis) -> Refit:
 
 def _both(data: Ground, first: Hypothesis, second: Hypothesis) -> Hypothesis | None:
     model = data.wheels[0].model
-    if signatures.possible(first.model, second.effects[0]):
+    if catalogues.conflict(first.model, second.effects[0]):
         return None
     effects = (*first.effects, *second.effects)
     return Hypothesis(

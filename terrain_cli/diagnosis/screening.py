@@ -69,7 +69,7 @@ def hypotheses(
     lacking: list[NotTestable] = []
     available = [_available(wheel) for wheel in wheels]
     for effect in effects:
-        reason = signatures.possible(file.model, effect) or _missing(effect, wheels)
+        reason = catalogues.conflict(file.model, effect) or _missing(effect, wheels)
         if reason:
             lacking.append(NotTestable(effect.id, reason))
             continue

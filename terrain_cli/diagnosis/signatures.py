@@ -17,7 +17,6 @@ from terrain_cli.comparison import comparison_criteria, whitening
 from terrain_cli.comparison.blocks import DRAWS, max_test
 from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.smoothed_channels import is_quiet
-from terrain_cli.errors import TerrainError
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
 
@@ -103,15 +102,6 @@ def of_effects(
 def leading(effect: Effect) -> list[str]:
     """Name the parameters of an effect that do not only shape it."""
     return [effect.qualified(p) for p in effect.parameters if not p.shape]
-
-
-def possible(model: Model, effect: Effect) -> str:
-    """Tell why a model cannot have an effect; nothing if it can."""
-    try:
-        Model(model.base, (*model.effects, effect))
-    except TerrainError as error:
-        return str(error)
-    return ""
 
 
 def _tables(

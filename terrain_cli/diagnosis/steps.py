@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.comparison import blocks, comparison_criteria, smoothed_fit
 from terrain_cli.diagnosis import (
@@ -18,7 +19,6 @@ from terrain_cli.diagnosis import (
     refit_ranking,
     refits,
     screening,
-    signatures,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Size
@@ -354,7 +354,7 @@ def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -
     others = [
         other
         for other in log.hypotheses
-        if other.id != one.id and other.effects and not signatures.possible(wheels[0].model, other.effects[0])
+        if other.id != one.id and other.effects and not catalogues.conflict(wheels[0].model, other.effects[0])
     ]
     found = screening.screen(wheels, log.block, others, case.seed)
     first = max(found.p_values, key=lambda name: found.explained[name], default="")

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from importlib.metadata import EntryPoint
 
-__all__ = ["GROUP", "NAMES", "Effect", "Parameter", "catalogue", "find", "missing"]
+    from terrain_cli.mechanics.wheel_model import Model
+
+__all__ = ["GROUP", "NAMES", "Effect", "Parameter", "catalogue", "conflict", "find", "missing"]
 
 #: The effects of the program, as they are told to a person, and the module of `library` that has each.
 _MODULES = {
@@ -92,6 +94,15 @@ def missing(effect: Effect, available: Collection[str]) -> tuple[str, ...]:
         *others, last = effect.any_of
         lacking.append(f"{', '.join(others)} or {last}" if others else last)
     return tuple(lacking)
+
+
+def conflict(model: Model, effect: Effect) -> str:
+    """Tell why a model cannot have an effect; nothing if it can."""
+    try:
+        replace(model, effects=(*model.effects, effect))
+    except ConfigurationError as error:
+        return str(error)
+    return ""
 
 
 def _there(name: str, available: Collection[str]) -> bool:

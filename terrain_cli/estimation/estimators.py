@@ -14,7 +14,7 @@ from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import fit_account
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
-from terrain_cli.estimation.further_unknowns import with_contact, with_offsets
+from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_offsets
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.rover import NOISY
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from terrain_cli.effects import Effect
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointPosterior
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
@@ -36,8 +37,7 @@ if TYPE_CHECKING:
     from terrain_cli.windows.cut_windows import Windows
 
 
-#: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
-#: less, which no model deserves.
+#: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors below 1 %.
 _MOST = 4_000
 #: Windows to which the full model is fitted unasked, 5 kB each. Judged: where there are more, they are
 #: so short that they separate nothing.
@@ -169,7 +169,9 @@ def estimate(
     file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
-    fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)
+    lacking, further = suspects(file, windows)
+    every = further | channels
+    fit = _fit(windows, file, every, held, least, robust=robust, joint=asked, begun=begun, suspects=lacking)
     estimates = of_fit(fit, line, whole, at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
     return Fitted(estimates, account(windows, file, fit, held, because), posteriors, fit.noise)
@@ -280,6 +282,7 @@ def _fit(
     robust: bool,
     joint: Collection[int],
     begun: Noise | None,
+    suspects: Sequence[Effect],
 ) -> Fit:
     from terrain_cli.estimation import wheel_fit
 
@@ -302,6 +305,7 @@ def _fit(
             min_samples=min_samples,
             joint=joint,
             begun=begun,
+            suspects=suspects,
         )
 
     given = {name: noise for name, noise in samples.noise.items() if name in channels and noise.known}

@@ -1,4 +1,4 @@
-"""What is sought in every window beside the soil: the shape of the contact, and offsets of sensors."""
+"""What a model may lack: the shape of the contact and offsets of sensors, which are sought, and effects."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
+from terrain_cli.telemetry import effect_inputs, rover_advice
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -13,14 +14,19 @@ if TYPE_CHECKING:
     from terrain_cli.mechanics.effect import Law
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
+    from terrain_cli.vocabulary.arrays import Array
+    from terrain_cli.windows.cut_windows import Windows
 
 #: The shape of the contact, as far as soils differ in it. It ends at the lowest point, or before or behind it
 #: (θ2 = −c3 θ1; c3 = 0.2 to 0.3 in soil that stays compacted: Ishigami et al. 2007).
 #: The stress under the rim is greatest at θm = (c1 + c2 i) θ1: 0.18, 0.32
 #: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
 _SHAPE = {"max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)}, "rear-contact": {"c3": (0.0, 0.2)}}
+SHAPES = tuple(_SHAPE)
 #: What the soil feels is what these show without the offset; of the others the model predicts what they show.
 _FELT = frozenset({"load", "slip"})
+#: What has the noise of a residual: what is predicted, and what the slip is derived from.
+_RELATED = frozenset({"torque", "drawbar_pull", "velocity", "angular_velocity"})
 
 
 def with_contact(file: ModelFile) -> ModelFile:
@@ -55,6 +61,30 @@ def with_offsets(file: ModelFile, samples: Samples, measured: Collection[str]) -
         f"{effect.id}.offset": Prior(0.0, size) for effect, size in zip(added, stated.values(), strict=True)
     }
     return replace(file, model=model, priors={**file.priors, **found}, local=(*file.local, *found))
+
+
+def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str, Array]]:
+    """Return effects that a model lacks and any log would show, and what they read of the usable samples.
+
+    Without those that read what has noise that is in the residuals too, and those that would each take an
+    evaluation of the model of their own: as they have shapes, or change the stresses along the rim.
+    """
+    from terrain_cli import effects
+
+    samples = windows.samples
+    there = {name for name in rover_advice.SOURCES if name in samples.channels} - _RELATED
+    there |= {name for name in effect_inputs.CONSTANTS if getattr(samples.geometry, name, None)}
+    found = [
+        effect
+        for effect in map(effects.find, effects.NAMES)
+        if not effects.missing(effect, there)
+        and not _RELATED.intersection(effect.reads)
+        and not {"normal_stress", "shear_stress"}.intersection(effect.laws)
+        and not any(parameter.shape for parameter in effect.parameters)
+        and not effects.conflict(file.model, effect)
+    ]
+    further = effect_inputs.of_samples(samples, found)
+    return found, {name: column[windows.rows] for name, column in further.items()}
 
 
 def _effect(channel: str, size: float) -> Effect:

@@ -150,6 +150,17 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             f"    the model misses {counted(model['missed'], 'segment')} by far more than noise: see "
             "terrain-est diagnose"
         )
+    if model.get("moved"):
+        lines.append(
+            f"    an effect that the model lacks shows in {counted(model['moved'], 'segment')}, and would "
+            "move c, φ or strength by more than its error: see terrain-est diagnose"
+        )
+    if model.get("unusual_contact"):
+        where = counted(model["unusual_contact"], "segment")
+        lines.append(
+            f"    in {where} the contact has another shape than usual, and c and φ rest on it. An error of a "
+            "sensor may look the same: see terrain-est diagnose"
+        )
     if model["unsettled"]:
         lines.append(f"    the fit did not converge in {counted(model['unsettled'], 'segment')}")
     return lines

@@ -42,6 +42,8 @@ STATUSES = (
     *("too-few-samples", "out-of-range", "at-bound", "prior-bound", "model-misses", "not-separable"),
     *("ill-conditioned", "ok"),
 )
+#: Of windows whose strength holds within its error, if a model fits.
+STRENGTH_HOLDS = ("not-separable", "ill-conditioned", "ok")
 _OF_THE_FULL_MODEL = (
     *("shear_modulus_se", "stiffness", "stiffness_se"),
     *("sinkage_exponent", "sinkage_exponent_se"),

@@ -14,7 +14,7 @@ from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, SLOW
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -109,6 +109,9 @@ class Fit(Parameters):
     rmse: dict[str, Array]  # Shape (w,)
     # Shape (w,): share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`)
     slow: Array
+    # Shape (w,): whether an effect of those suspected shows that would move c, φ or strength by more than
+    # its error
+    moved: Mask
     converged: Mask  # Shape (w,)
     min_samples: int
     # Joint posterior of c and φ, of the windows of which it was asked for
@@ -132,6 +135,17 @@ class Fit(Parameters):
         bottom = np.sqrt(var_a * var_b)
         ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
         return np.asarray(np.clip(ratio, -1.0, 1.0))
+
+    def away(self, values: Mapping[str, float]) -> Array:
+        """Return how far the data are from values of windows' own parameters: χ² of all of them, shape (w,).
+
+        Without the priors on them, which may be far from these values themselves.
+        """
+        places = [self.names.index(name) for name in values]
+        known = normal_equations.inverse(self.covariance[:, places][:, :, places])
+        known = known - np.diag([self.priors[name][1] ** -2.0 for name in values])
+        apart = np.stack([self.values[name] - value for name, value in values.items()], axis=1)
+        return np.asarray(np.einsum("wa,wab,wb->w", apart, known, apart))
 
     @property
     def condition_number(self) -> Array:
@@ -183,7 +197,7 @@ class Fit(Parameters):
                 ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
                 at_bound,
                 ~self._told,
-                self.missed,
+                self.missed | self.moved,
                 ~self.separable,
                 self.condition_number > LARGEST_CONDITION,
             ],

@@ -17,7 +17,8 @@ import numpy as np
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import student
-from terrain_cli.estimation.wheel_fit import damped_search, valley
+from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
+from terrain_cli.estimation.wheel_fit import damped_search, missing_effects, valley
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
@@ -29,11 +30,10 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     initial,
     inside,
     newton,
-    solve,
 )
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Problem
-from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes
+from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -42,14 +42,14 @@ from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.estimation.wheel_fit.linearised import Equations
-    from terrain_cli.mechanics.effect import Prior
+    from terrain_cli.mechanics.effect import Effect, Prior
     from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
@@ -126,6 +126,7 @@ def fit(
     min_samples: int = FIT_SAMPLES,
     joint: Collection[int] = (),
     begun: Noise | None = None,
+    suspects: Sequence[Effect] = (),
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
 
@@ -144,7 +145,8 @@ def fit(
     efficiency. `given`: predict load, torque and drawbar pull at the sinkage measured; or solve for the
     sinkage from the load, and predict sinkage, torque and drawbar pull. Steady test points are not
     `correlated`: they do not follow each other in time. Windows of fewer than `min_samples` have the status
-    "too-few-samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid.
+    "too-few-samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid. `suspects`
+    are effects that the model lacks, and which would show in these channels (`Fit.moved`).
 
     InputError: a channel without which the model cannot be fitted is missing; ConfigurationError: a name that
     is no parameter of the model; UsageError: values or priors without meaning; ValueError: arrays of
@@ -196,7 +198,7 @@ def fit(
     residuals, prediction, rmse, slow = _residuals(
         problem, data, found.t, found.common, rows, int(np.asarray(bounds)[-1])
     )
-    return Fit(
+    result = Fit(
         model=model,
         n=data.count,
         **{f.name: getattr(about, f.name) for f in fields(about)},
@@ -210,10 +212,15 @@ def fit(
         prediction=prediction,
         rmse=rmse,
         slow=slow if correlated else np.zeros(len(data.windows)),
+        moved=np.zeros(len(data.windows), dtype=bool),
         converged=fits[0][1],
         min_samples=min_samples,
         grids=valley.grids(problem, data, found, about, joint, order),
     )
+    if not suspects or not np.isin(result.status, STRENGTH_HOLDS).any():
+        return result
+    moved = missing_effects.moved(problem, data, found.t, found.common, about, suspects)
+    return replace(result, moved=moved)
 
 
 def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool) -> list[Learnt]:
@@ -271,7 +278,7 @@ def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) 
         else np.concatenate([getattr(part, f.name) for part in parts])
         for f in fields(one)
     }
-    found = _widened(problem, data, Posterior(**together), learnt.others)
+    found = widened(problem, data, Posterior(**together), learnt.others)
     return found, np.concatenate(converged)
 
 
@@ -296,35 +303,6 @@ def _without_wild(
     kept = np.flatnonzero(~wild)
     bounds = np.searchsorted(kept, data.bounds)
     return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept], ends
-
-
-def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable[Noise]) -> Posterior:
-    """Add what a standard error of the noise does to the unknowns to their covariance.
-
-    It does nearly the same with some of the samples as with all. In the end no less is known than beforehand.
-    """
-    order = enough_nodes(problem.noise, data)
-    some = data.thinned(ENOUGH)
-    begun = settled_search(problem, some, initial(some, found.t, found.common), order)
-    for noise in others:
-        there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
-        elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
-        common = elsewhere.common - begun.common
-        own = elsewhere.t - begun.t - found.gain @ common
-        own = own * _room(np.einsum("waa->wa", found.own), own)
-        found = replace(
-            found,
-            own=found.own + own[:, :, None] * own[:, None, :],
-            shared=found.shared + np.outer(common, common),
-        )
-    return found
-
-
-def _room(variance: Array, way: Array) -> Array:
-    """Return the share of a way that takes no variance above that of the prior, 1, shape (…, 1)."""
-    room = np.sqrt(np.maximum(1.0 - variance, 0.0))
-    share = np.divide(room, np.abs(way), out=np.ones_like(way), where=np.abs(way) > room)
-    return np.asarray(share.min(axis=-1, initial=1.0, keepdims=True))
 
 
 def _learn(

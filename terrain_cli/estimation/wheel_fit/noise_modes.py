@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.estimation.wheel_fit import damped_search
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, solve
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
-from terrain_cli.estimation.wheel_fit.window_search import enough_nodes
+from terrain_cli.estimation.wheel_fit.window_search import ENOUGH, enough_nodes, settled_search
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -125,3 +125,32 @@ def mixed(parts: Sequence[Posterior], likely: Sequence[Learnt]) -> Posterior:
         sure=np.sqrt(mean(lambda part: part.sure**2) + apart),
         wide=np.sqrt(mean(lambda part: part.wide**2) + apart),
     )
+
+
+def widened(problem: Problem, data: FitData, found: Posterior, others: Iterable[Noise]) -> Posterior:
+    """Add what a standard error of the noise does to the unknowns to their covariance.
+
+    It does nearly the same with some of the samples as with all. In the end no less is known than beforehand.
+    """
+    order = enough_nodes(problem.noise, data)
+    some = data.thinned(ENOUGH)
+    begun = settled_search(problem, some, initial(some, found.t, found.common), order)
+    for noise in others:
+        there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
+        elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
+        common = elsewhere.common - begun.common
+        own = elsewhere.t - begun.t - found.gain @ common
+        own = own * _room(np.einsum("waa->wa", found.own), own)
+        found = replace(
+            found,
+            own=found.own + own[:, :, None] * own[:, None, :],
+            shared=found.shared + np.outer(common, common),
+        )
+    return found
+
+
+def _room(variance: Array, way: Array) -> Array:
+    """Return the share of a way that takes no variance above that of the prior, 1, shape (…, 1)."""
+    room = np.sqrt(np.maximum(1.0 - variance, 0.0))
+    share = np.divide(room, np.abs(way), out=np.ones_like(way), where=np.abs(way) > room)
+    return np.asarray(share.min(axis=-1, initial=1.0, keepdims=True))

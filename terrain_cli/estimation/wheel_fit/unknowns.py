@@ -120,14 +120,15 @@ def unknowns(
             raise UsageError(f"fixed {name}: one finite number, or one for each of {windows} windows")
         if name in POSITIVE and np.any(value <= 0.0):
             raise UsageError(f"fixed {name} must be positive")
-    sought = [_unknown(model, name, priors.get(name)) for name in known if name not in held]
+    sought = [unknown(model, name, priors.get(name)) for name in known if name not in held]
     common = {*shared, *model.parameters} - {*local}
     return Unknowns(
         tuple(u for u in sought if u.name not in common), tuple(u for u in sought if u.name in common), held
     )
 
 
-def _unknown(model: Model, name: str, prior: Prior | None) -> Unknown:
+def unknown(model: Model, name: str, prior: Prior | None = None) -> Unknown:
+    """Return a parameter to be sought, by default with the weak prior of the soil or of its effect."""
     logarithm = name in POSITIVE
     if name in model.parameters:
         parameter = model.parameters[name]

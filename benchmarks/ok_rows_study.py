@@ -1,0 +1,104 @@
+"""Of the rows that `estimate` marks `ok`, how many are off where an effect is hidden that the model lacks.
+
+    python benchmarks/ok_rows_study.py [--drives N] [--seed N]
+
+writes benchmarks/results/ok_rows_study.txt, in some ten minutes on two cores. N drives of the usual rover and N of
+one of six vehicles, on a soil and with noise drawn for each, with loads that vary and that do not, for each
+effect; four times as many with nothing hidden. The truth is that of the tests' simulator. A row is off
+where c, φ or the strength at the common stress is more than three standard errors from it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [
+    str(HERE.parent),
+    str(HERE.parent / "tests"),
+    str(HERE.parent / "tests" / "diagnosis"),
+    str(HERE),
+]
+
+from diagnosis_drives import vehicle  # noqa: E402 - found through the path above
+from hidden_drives import FULL, Kind, drive_of, samples_from, simulate, sized  # noqa: E402 - as above
+
+from terrain_cli.estimation import estimators  # noqa: E402 - as above
+from terrain_cli.estimation.wheel_fit import missing_effects  # noqa: E402 - as above
+from terrain_cli.windows.cut_windows import cut  # noqa: E402 - as above
+
+RESULT = HERE / "results" / "ok_rows_study.txt"
+FIRST, DRIVES, CLEAN = 95_000_000, 3, 4
+COURSES, NOISES = ("rich", "poor-load"), ("white", "ar1")
+#: Another soil in every pass.
+LEFT_OUT = "multi-pass"
+#: What the rows say, without the test for missing effects and with it.
+TESTS = (lambda *found: np.zeros(len(found[2]), dtype=bool), missing_effects.moved)
+
+
+def counted(job):
+    """Return rows `ok`, and those of them that are off, without the test and with it."""
+    effect, seed, course, other = job
+    kind = vehicle(seed) if other else Kind(noise=NOISES[seed % 2])
+    kind = replace(kind, course=course, effects=sized(effect, rover=kind.rover) if effect else {})
+    try:
+        drive = drive_of(seed, kind)
+        windows = cut(samples_from("drive", simulate(drive).wheels["wheel"].aligned(), kind))
+    except (ValueError, ArithmeticError):
+        # The soil does not carry this vehicle with the effect.
+        return np.zeros(4, dtype=int)
+    soil = drive.tracks[0].soils[0][0]
+    counts = []
+    for missing_effects.moved in TESTS:
+        found = estimators.estimate(windows, "auto", estimators.full_model()).estimates
+        strength = soil.cohesion + found.stress * np.tan(np.radians(soil.friction_angle))
+        off = [
+            np.abs(found.c - soil.cohesion) > 3.0 * found.c_se,
+            np.abs(found.phi - np.radians(soil.friction_angle)) > 3.0 * found.phi_se,
+            np.abs(found.strength_at_stress - strength) > 3.0 * found.strength_at_stress_se,
+        ]
+        ok = found.status == "ok"
+        counts += [int(ok.sum()), int((ok & np.any(off, axis=0)).sum())]
+    return np.array(counts)
+
+
+def lines(drives, seed, run):
+    yield "Rows marked ok, and those of them that are more than three standard errors off: before and after the"
+    yield "test for effects that the model lacks and that would move c, φ or strength by more than its error"
+    yield ""
+    yield f"{'hidden':22}{'ok before':>12}{'off':>6}{'ok after':>12}{'off':>6}"
+    total = np.zeros(4, dtype=int)
+    for effect in (None, *(name for name in FULL if name != LEFT_OUT)):
+        seeds = range(seed, seed + drives * (1 if effect else CLEAN))
+        jobs = [
+            (effect, one + 10_000 * other, course, other)
+            for one, course, other in product(seeds, COURSES, (0, 1))
+        ]
+        found = sum(run(counted, jobs))
+        total += found if effect else 0
+        yield f"{effect or 'nothing':22}{found[0]:>12}{found[1]:>6}{found[2]:>12}{found[3]:>6}"
+    yield f"{'any of these effects':22}{total[0]:>12}{total[1]:>6}{total[2]:>12}{total[3]:>6}"
+
+
+def main():
+    parser = argparse.ArgumentParser(description="How many rows marked ok are off under a hidden effect.")
+    parser.add_argument("--drives", type=int, default=DRIVES)
+    parser.add_argument("--seed", type=int, default=FIRST)
+    asked = parser.parse_args()
+    told = []
+    with ProcessPoolExecutor() as pool:
+        for line in lines(asked.drives, asked.seed, pool.map):
+            print(line, flush=True)
+            told.append(line)
+    RESULT.write_text("\n".join(told) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

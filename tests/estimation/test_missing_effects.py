@@ -1,0 +1,134 @@
+"""Effects that a model lacks: whether they show, how far they would move the soil, and what the rows say."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from simulator import CHANNELS, DRY_SAND, Drive, Sensor, Track, Wheel, base_contact, simulate, undulation
+
+import terrain_cli as terrain
+from terrain_cli.effects import find
+from terrain_cli.estimation import estimators
+from terrain_cli.estimation.line.window_estimates import STATUSES
+from terrain_cli.estimation.wheel_fit import fit, missing_effects
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
+
+WHEEL = Wheel(0.125, 0.1)
+ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
+HIDDEN = {
+    "load-bias": {"gain": 0.95, "offset": 8.0},
+    "drawbar-bias": {"offset": 2.5},
+    "sinkage-bias": {"offset": 0.0025},
+    "wheel-radius": {"relative_error": 0.05},
+}
+CONTACT = {"max-stress-angle": {"c1": 0.2, "c2": 0.32}}
+
+
+@cache
+def columns(hidden="", seed=3):
+    """Return what a drive over one soil measures, with an effect that is not in the model."""
+    effects = {**HIDDEN, **CONTACT, "little": {"relative_error": 0.01}}
+    track = Track(
+        "wheel",
+        [(base_contact(DRY_SAND), 100.0)],
+        undulation(60.0, 0.25, 7.0, seed),
+        undulation(0.3, 0.8, 9.0, seed + 1),
+    )
+    noisy = dict.fromkeys(("load", "torque", "sinkage", "slip"), Sensor(relative=0.02))
+    drive = Drive(
+        [track],
+        WHEEL,
+        undulation(0.07, 0.2, 11.0, seed),
+        effects={"wheel-radius" if hidden == "little" else hidden: effects[hidden]} if hidden else {},
+        rate=10.0,
+        sensors={**noisy, "drawbar_pull": Sensor(absolute=0.3)},
+        channels=(*CHANNELS, "slip", "drawbar_pull"),
+        seed=seed,
+    )
+    return simulate(drive).wheels["wheel"].aligned()
+
+
+@pytest.fixture(scope="module")
+def windows_of(tmp_path_factory):
+    rover = tmp_path_factory.mktemp("rover") / "rover.toml"
+    rover.write_text(ROVER)
+
+    @cache
+    def windows(hidden=""):
+        import pandas as pd
+
+        (samples,) = terrain.from_frame(pd.DataFrame(columns(hidden)), rover)
+        return terrain.segment(samples, "none")
+
+    return windows
+
+
+def scored(monkeypatch, hidden, effects, **fixed):
+    """Return scores by parameter, and how far each would move c and tan φ, with the fit they are about."""
+    kept = {}
+
+    def moved(problem, data, t, common, found, suspects):
+        kept["scores"] = missing_effects.scores(problem, data, t, common, suspects)
+        return np.zeros(len(t), dtype=bool)
+
+    monkeypatch.setattr(missing_effects, "moved", moved)
+    monkeypatch.setattr("terrain_cli.estimation.wheel_fit.fitting.STRENGTH_HOLDS", STATUSES)
+    table = columns(hidden)
+    n = len(table["time"])
+    geometry = WheelGeometry(WHEEL.radius, WHEEL.width)
+    found = fit(Model(), geometry, table, [0, n], fixed=fixed, suspects=[find(one) for one in effects])
+    names = [f"{one}.{parameter.name}" for one in effects for parameter in find(one).parameters]
+    score, moves = kept["scores"]
+    return dict(zip(names, score, strict=True)), dict(zip(names, moves[0, :2].T, strict=True)), found
+
+
+def test_scores_are_small_where_nothing_is_missing(monkeypatch):
+    score, _, _ = scored(monkeypatch, "", HIDDEN)
+    assert max(map(abs, score.values())) < 3.5
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_an_effect_shows(monkeypatch, effect):
+    score, _, _ = scored(monkeypatch, effect, HIDDEN)
+    assert max(abs(score[name]) for name in score if name.startswith(effect)) > 5.0
+
+
+def test_it_moves_the_soil_as_a_fit_with_the_effect_does(monkeypatch):
+    _, moves, without = scored(monkeypatch, "little", ["wheel-radius"])
+    table, geometry = columns("little"), WheelGeometry(WHEEL.radius, WHEEL.width)
+    with_effect = fit(Model(effects=(find("wheel-radius"),)), geometry, table, [0, len(table["time"])])
+    step = moves["wheel-radius.relative_error"]
+    for place, name in enumerate(("cohesion", "tan_phi")):
+        there = with_effect.values[name][0] - without.values[name][0]
+        error = without.errors[name][0]
+        assert abs(there) > 0.5 * error
+        assert step[place] * without.priors[name][1] == pytest.approx(there, rel=0.25)
+
+
+def test_what_reads_nothing_that_is_there_scores_nothing(monkeypatch):
+    table = {name: column for name, column in columns().items() if name != "drawbar_pull"}
+    monkeypatch.setattr(f"{__name__}.columns", lambda _: table)
+    score, _, _ = scored(monkeypatch, "", ["drawbar-bias"])
+    assert score == {"drawbar-bias.offset": 0.0}
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_rows_say_so(windows_of, effect):
+    found = estimators.estimate(windows_of(effect), "auto", estimators.full_model())
+    assert found.estimates.status[0] != "ok"
+
+
+@pytest.mark.parametrize("effect", ["", *CONTACT])
+def test_rows_that_a_model_fits_are_ok(windows_of, effect):
+    found = estimators.estimate(windows_of(effect), "auto", estimators.full_model())
+    assert found.estimates.status[0] == "ok"
+    assert found.account["moved"] == 0
+    assert found.account["unusual_contact"] == bool(effect)
+
+
+def test_the_summary_says_so(windows_of):
+    found = estimators.estimate(windows_of("drawbar-bias"), "auto", estimators.full_model())
+    assert found.account["moved"] == 1
+    assert found.estimates.status[0] == "model-misses"
