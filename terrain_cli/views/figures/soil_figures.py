@@ -80,7 +80,7 @@ def _estimates(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
             face, alpha, line = (colour, 0.25, "-") if trusted else ("none", 0.5, ":")
             look: dict[str, Any] = {"facecolor": face, "edgecolor": colour, "alpha": alpha}
             axes.add_patch(Polygon(outline, linewidth=0.8, linestyle=line, **look))
-        _mark(axes, table, row, colour, marker=MARKERS[style], markersize=5.0)
+        _mark(axes, table, row, colour, marker=MARKERS[style], markersize=5.0, linestyle="none")
     x, y = (np.asarray(table[name], dtype=float) for name in ("c_kPa", "phi_deg"))
     outside = int(np.count_nonzero((x < c[0]) | (x > c[1]) | (y < phi[0]) | (y > phi[1])))
     title = "estimates, 95 % regions" if len(styles) <= MOST_ERRORS else "estimates"
@@ -97,8 +97,7 @@ def _estimates(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
 def _mark(axes: Axes, table: Mapping[str, Any], row: int, colour: str, **style: Any) -> None:
     """Draw c and φ of a segment, hollow where its status is not ok."""
     face = colour if table["status"][row] == "ok" else "white"
-    style |= {"color": colour, "markerfacecolor": face, "linestyle": "none"}
-    axes.plot(table["c_kPa"][row], table["phi_deg"][row], **style)
+    axes.plot(table["c_kPa"][row], table["phi_deg"][row], color=colour, markerfacecolor=face, **style)
 
 
 def _lines(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
