@@ -57,26 +57,25 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli.improvement import compared
     from terrain_cli.presentation import comparison_text
 
-    names = context.params["models"]
+    given = context.params
+    names = given["models"]
     if len(names) > 2:
         raise UsageError(f"--model is given {len(names)} times", hint="once, or twice for two side by side")
     files = [models.resolve(name) for name in names]
-    seed = context.params["seed"]
-    with Progress(
-        len(context.params["inputs"]) + len(files), enabled=not context.params["quiet"]
-    ) as progress:
+    seed = given["seed"]
+    with Progress(len(given["inputs"]) + len(files), enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, files, progress)
         outcomes: list[Comparison] = []
         for file in files:
             like = outcomes[0] if outcomes else None
             tell = partial(progress.say, str(file.path or file.model.base))
-            soils = comparison_options.asked(context.params, cut, file)
+            soils = comparison_options.asked(given, cut, file)
             outcomes.append(compared(cut, file, like=like, soils=soils, seed=seed, progress=tell))
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []
     asked = [comparison_options.repeated(context, name) for name in names]
-    form = comparison_text.document if context.params["as_json"] else comparison_text.text
+    form = comparison_text.document if given["as_json"] else comparison_text.text
     say(form(first, second, differences, asked))
-    if context.params["plot"]:
-        comparison_options.draw(outcomes[-1], context.params)
+    if given["plot"]:
+        comparison_options.draw(outcomes[-1], given)

@@ -299,13 +299,13 @@ def alternatives(
     """Fit a model effect by effect, on the blocks of `own`, and with each further one that scores name."""
     modulus = wheels[0].samples.geometry.shear_modulus
 
-    def compared(label: str, other: ModelFile) -> Alternative:
+    def shown(label: str, other: ModelFile) -> Alternative:
         progress(label)
         return Alternative(label, fitted(wheels, other, like=own, seed=seed))
 
     ids = [effect.id for effect in file.model.effects]
     steps = [
-        compared(_named(file, ids[:count]), models.removed(file, ids[count:], modulus).file)
+        shown(_named(file, ids[:count]), models.removed(file, ids[count:], modulus).file)
         for count in range(len(ids))
     ]
     scores = own.scores() if own.scores else None
@@ -313,7 +313,7 @@ def alternatives(
     return [
         *steps,
         Alternative(_named(file, ids), own, own=True),
-        *(compared(f"+ {name}", models.added(file, [name], modulus).file) for name in missing),
+        *(shown(f"+ {name}", models.added(file, [name], modulus).file) for name in missing),
     ]
 
 

@@ -73,9 +73,7 @@ def measured(ladder: Sequence[Rung], name: str) -> list[tuple[Rung, ChannelChang
 def top(known: Sequence[tuple[Rung, ChannelChange]]) -> float:
     """Return where the axis of a channel's errors ends: a very wide interval would hide the values."""
     intervals = [interval for _, one in known for interval in (one.before, one.after)]
-    values = [v.value for v in intervals if math.isfinite(v.value)] + [
-        one.noise for _, one in known if math.isfinite(one.noise)
-    ]
-    highest = max(values, default=1.0)
+    values = [*(v.value for v in intervals), *(one.noise for _, one in known)]
+    highest = max(filter(math.isfinite, values), default=1.0)
     ends = [v.high for v in intervals if math.isfinite(v.high)]
     return 1.08 * min(max([highest, *ends]), 2.0 * highest)

@@ -128,9 +128,8 @@ def candidates(moments: RunningMoments, limits: Limits, penalty: float) -> tuple
     while True:
         count = len(places.samples)
         exact = count - 1 <= EXACT
-        found = _Chunks(places, limits, _chunked(count, count - 1 if exact else CHUNK)).chosen(
-            penalty * factor
-        )
+        chunks = _Chunks(places, limits, _chunked(count, count - 1 if exact else CHUNK))
+        found = chunks.chosen(penalty * factor)
         if exact or len(found.samples) > _THINNING * count:
             return found.samples, factor
         places = found

@@ -191,9 +191,8 @@ class Lines:
     def scatter(self, moments: Array) -> float:
         """Return the long-run variance of the residuals."""
         shared = solved(_without_lines(moments).sum(axis=0))
-        own = np.linalg.solve(
-            _regular(moments[:, :2, :2]), (moments[:, :2, -1] - moments[:, :2, 2:-1] @ shared)[..., None]
-        )
+        rest = moments[:, :2, -1] - moments[:, :2, 2:-1] @ shared
+        own = np.linalg.solve(_regular(moments[:, :2, :2]), rest[..., None])
         level, slope = np.repeat(own[..., 0], np.diff(self.bounds), axis=0).T
         explained = sum(value * term for value, term in zip(shared, self.terms, strict=True))
         residuals = self.y - level - slope * self.x - explained

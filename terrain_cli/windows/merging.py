@@ -91,12 +91,8 @@ class Refinement:
         seen within a few samples.
         """
         # The sums before each bound, and before the samples that are beside it.
-        sums = np.stack(
-            [
-                self._before(np.minimum(np.maximum(bounds + away, 0), self._n))
-                for away in ((0, -BESIDE, BESIDE) if sharp else (0,))
-            ]
-        )
+        aside = (0, -BESIDE, BESIDE) if sharp else (0,)
+        sums = np.stack([self._before(np.clip(bounds + away, 0, self._n)) for away in aside])
         while len(bounds) > 2:
             least = _least_below_one(self._ratios(bounds, sums))
             if len(least) == 0:
@@ -170,21 +166,15 @@ class Refinement:
     def _cheapest(
         self, cuts: Index, sums: Array, ends: tuple[Array, Array], inside: tuple[Index, ...]
     ) -> tuple[Index, Array]:
-        costs = self._costs(cuts, sums, ends, inside)
+        """Return the best of some cuts of [a, c) into windows long enough, and the misfit of these."""
+        a, low, high, c = (bound[:, None] for bound in inside)
+        parts = np.stack([sums - ends[0], ends[1] - sums], axis=1).reshape(line_costs.ROWS, -1)
+        misfit = line_costs.best_line(parts)[1].reshape(2, *cuts.shape).sum(axis=0)
+        cut = np.minimum(np.maximum(cuts, a), c)
+        allowed = (cuts >= low) & (cuts <= high) & self._limits.met(a, cut) & self._limits.met(cut, c)
+        costs = np.where(allowed, misfit, np.inf)
         best = costs.argmin(axis=1)[:, None]
         return np.take_along_axis(cuts, best, axis=1)[:, 0], np.take_along_axis(costs, best, axis=1)[:, 0]
-
-    def _costs(self, cuts: Index, sums: Array, ends: tuple[Array, Array], inside: tuple[Index, ...]) -> Array:
-        """Return the misfit of [a, cut) and [cut, c); inf beyond low and high, or where one is too short."""
-        a, low, high, c = (bound[:, None] for bound in inside)
-        parts = np.stack([sums - ends[0], ends[1] - sums], axis=1)
-        misfit = (
-            line_costs.best_line(parts.reshape(line_costs.ROWS, -1))[1].reshape(2, *cuts.shape).sum(axis=0)
-        )
-        cut = np.minimum(np.maximum(cuts, a), c)
-        allowed = (cuts >= low) & (cuts <= high) & self._limits.met(np.broadcast_to(a, cut.shape), cut)
-        allowed &= self._limits.met(cut, np.broadcast_to(c, cut.shape))
-        return np.where(allowed, misfit, np.inf)
 
     def _without_bridges(self, bounds: Index) -> Index:
         """Give windows away whose samples the lines of both neighbours explain.

@@ -11,7 +11,7 @@ The constants were chosen by benchmarks/follow_study.py; its table is in benchma
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class OnlineCuts:
     """The windows of one stretch of a wheel, each told as soon as its end is sure."""
 
     def __init__(self, *, min_samples: int = CUT_SAMPLES, min_distance: float = MIN_DISTANCE) -> None:
-        self._min_samples, self._min_distance = min_samples, min_distance
+        self._limits: dict[str, Any] = {"min_samples": min_samples, "min_distance": min_distance}
         self._recent: Array = np.empty((0, 0))
         self._filled = 0
         #: Samples so far, and which of them begins the open window.
@@ -107,16 +107,9 @@ class OnlineCuts:
         first = self.count - known
         begin = max(self.begin, first)
         part = recent[:, begin - first :]
-        driven = part[DRIVEN]
-        found = begin + change_points(
-            part[X],
-            part[Y],
-            distance=None if np.isnan(driven).any() else driven,
-            min_samples=self._min_samples,
-            min_distance=self._min_distance,
-        )
-        inner = self._needed(recent, first, found[1:-1])
-        inner = self._deeper(recent, first, inner)
+        distance = None if np.isnan(part[DRIVEN]).any() else part[DRIVEN]
+        found = begin + change_points(part[X], part[Y], distance=distance, **self._limits)
+        inner = self._explained(recent, first, found[1:-1])
         if self._filled:
             self._last = (float(recent[TIME, -1]), self.count)
         final = []
@@ -131,26 +124,16 @@ class OnlineCuts:
             self._bounds += final
         return [int(recent[PLACE, bound - first]) for bound in final]
 
-    def _needed(self, recent: Array, first: int, inner: Index) -> Index:
-        """Return the bounds that nothing recorded explains, in the light of those told before."""
+    def _explained(self, recent: Array, first: int, inner: Index) -> Index:
+        """Return the bounds that nothing recorded explains, and those at which the wheel sinks otherwise."""
         self._bounds = [bound for bound in self._bounds if bound > first]
-        if not len(inner):
-            return inner
-        every = np.array([first, *self._bounds, *inner.tolist(), self.count], dtype=np.intp)
-        kept = needed(recent[X], recent[Y], list(recent[SLIP:]), every - first, np.empty(0, dtype=np.intp))
-        return inner[np.isin(inner, kept + first)]
-
-    def _deeper(self, recent: Array, first: int, inner: Index) -> Index:
-        """Add the bounds at which the wheel begins to sink deeper, or less, behind those told before."""
-        every = np.array([first, *self._bounds, *inner.tolist(), self.count], dtype=np.intp)
-        found = first + sinkage_changes(
-            recent[LOAD],
-            recent[SINKAGE],
-            recent[SLIP],
-            list(recent[SLIP:]),
-            every - first,
-            distance=None if np.isnan(recent[DRIVEN]).any() else recent[DRIVEN],
-            min_samples=self._min_samples,
-            min_distance=self._min_distance,
-        )
+        # In the light of those told before, and behind them.
+        every = np.array([first, *self._bounds, *inner.tolist(), self.count], dtype=np.intp) - first
+        if len(inner):
+            kept = needed(recent[X], recent[Y], list(recent[SLIP:]), every, np.empty(0, dtype=np.intp))
+            inner = inner[np.isin(inner, kept + first)]
+            every = np.array([first, *self._bounds, *inner.tolist(), self.count], dtype=np.intp) - first
+        distance = None if np.isnan(recent[DRIVEN]).any() else recent[DRIVEN]
+        columns = recent[LOAD], recent[SINKAGE], recent[SLIP], list(recent[SLIP:])
+        found = first + sinkage_changes(*columns, every, distance=distance, **self._limits)
         return found[(found > max(self.begin, first)) & (found < self.count)]

@@ -64,14 +64,9 @@ def around(block: Index, n: int, step: int) -> Index:
 
 def _beside(block: Index, away: int, last: int) -> Index:
     """Return rising blocks and all so far away from them, none behind the last."""
-    if is_run(block):
+    if block[-1] - block[0] == len(block) - 1:
         return np.arange(max(block[0] - away, 0), min(block[-1] + away, last) + 1)
     return np.unique(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
-
-
-def is_run(block: Index) -> bool:
-    """Tell whether rising blocks have none left out between them."""
-    return bool(block[-1] - block[0] == len(block) - 1)
 
 
 def summed(x: Array, y: Array, step: int, scale: float) -> tuple[Array, Index, Array]:

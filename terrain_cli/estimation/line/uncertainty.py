@@ -59,11 +59,8 @@ def phi_bounds(moments: WindowMoments, *, correlated: bool) -> tuple[Array, Arra
     for channel in CHANNELS:
         with np.errstate(divide="ignore", invalid="ignore"):
             phi = np.arctan(moments[0, channel, Y] / moments[0, channel, X])
-        heard = (
-            moments.varies(X)
-            & moments.varies(channel)
-            & _significant(moments, channel, correlated=correlated)
-        )
+        heard = moments.varies(X) & moments.varies(channel)
+        heard &= _significant(moments, channel, correlated=correlated)
         above = _SIGN[channel] * moments[0, channel, X] > 0.0
         high = np.where(heard & above, np.minimum(high, phi), high)
         low = np.where(heard & ~above, np.maximum(low, phi), low)
@@ -90,14 +87,9 @@ def _significant(moments: WindowMoments, channel: int, *, correlated: bool) -> M
         if correlated:
             slope = shared / own
             rest = x - slope * shared
-            rest1 = (
-                moments[1, X, X]
-                - 2.0 * slope * moments[1, channel, X]
-                + slope**2 * moments[1, channel, channel]
-            )
-            common = _unbiased(rest1 / rest, moments.count) * _unbiased(
-                moments[1, channel, channel] / own, moments.count
-            )
+            late = moments[1, channel, channel]
+            rest1 = moments[1, X, X] - 2.0 * slope * moments[1, channel, X] + slope**2 * late
+            common = _unbiased(rest1 / rest, moments.count) * _unbiased(late / own, moments.count)
             independent = independent * (1.0 - common) / (1.0 + common)
         z = np.arctanh(np.abs(correlation)) * np.sqrt(np.maximum(independent - 3.0, 1.0))
         varies = np.sqrt(own / moments.count) > _PLAIN_VARIATION * np.abs(moments.mean[channel])
@@ -248,14 +240,9 @@ def uncertainty(
         var_s, cov, var_t = (np.sum(gain[a] * gain[b] * stress, axis=0) for a, b in ((0, 0), (0, 1), (1, 1)))
         # Least squares has no slope where x does not vary, but its mean stands.
         pull = np.nan_to_num(cohesion + mean_x * tan_phi - mean_y)
-        var_s, var_t = (
-            var_s + pull**2 + (DROPPED_KAPPA3 * mean_y) ** 2,
-            np.where(
-                np.isfinite(tan_phi),
-                var_t + bias**2 * (1.0 + tan_phi**2) ** 2 + (DROPPED_KAPPA3 * tan_phi) ** 2,
-                np.nan,
-            ),
-        )
+        var_s = var_s + pull**2 + (DROPPED_KAPPA3 * mean_y) ** 2
+        var_t = var_t + bias**2 * (1.0 + tan_phi**2) ** 2 + (DROPPED_KAPPA3 * tan_phi) ** 2
+        var_t = np.where(np.isfinite(tan_phi), var_t, np.nan)
         offset = np.where(var_t > 0.0, -cov / var_t, 0.0)
         # Near zero the differences may come out negative by rounding.
         var_c = np.maximum(var_s - 2.0 * mean_x * cov + mean_x**2 * var_t, 0.0)

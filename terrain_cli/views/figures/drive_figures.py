@@ -179,14 +179,9 @@ def _limits(axes: Axes, number: Any, place: Array, starts: Index, *, name_them: 
             axes.axvline(place[start - 1] + 0.5, color=FAINT, linewidth=0.8, linestyle="--")
         begin = place[start - 1] + 1.0 if start else 1.0
         if name_them and place[end - 1] - begin > 0.02 * place[-1]:
-            axes.text(
-                begin + 0.005 * place[-1],
-                1.02,
-                f"segment {number[start]}" if len(starts) <= 8 else f"{number[start]}",
-                transform=axes.get_xaxis_transform(),
-                fontsize=7.5,
-                color=INK,
-            )
+            name = f"segment {number[start]}" if len(starts) <= 8 else f"{number[start]}"
+            above: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "fontsize": 7.5, "color": INK}
+            axes.text(begin + 0.005 * place[-1], 1.02, name, **above)
 
 
 def _focus(axes: Axes, value: Array, error: Array, starts: Index, widest: tuple[float, float]) -> None:

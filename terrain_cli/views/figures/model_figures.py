@@ -125,27 +125,13 @@ def _along(
     else:
         for index, label in enumerate(wheels or [None]):
             here = known[pooled.wheel[known] == index] if wheels else known
-            axes.plot(
-                driver[here],
-                residual[here],
-                linestyle="none",
-                marker=MARKERS[index] if wheels else ".",
-                color=_WHEELS[index] if wheels else FAINT,
-                markersize=2.5,
-                markeredgewidth=0.0,
-                alpha=0.6,
-                label=label,
-                rasterized=len(here) > MOST_DRAWN,
-            )
+            marker, ink = (MARKERS[index], _WHEELS[index]) if wheels else (".", FAINT)
+            style: dict[str, Any] = {"linestyle": "none", "marker": marker, "color": ink, "label": label}
+            style |= {"markersize": 2.5, "markeredgewidth": 0.0, "alpha": 0.6}
+            axes.plot(driver[here], residual[here], rasterized=len(here) > MOST_DRAWN, **style)
     if math.isfinite(noise):
-        for sign in (-1.0, 1.0):
-            axes.axhline(
-                sign * 1.96 * noise,
-                color=COLOURS[0],
-                linewidth=0.9,
-                linestyle=":",
-                label="± 1.96 × noise" if sign > 0.0 else None,
-            )
+        for sign, label in ((-1.0, None), (1.0, "± 1.96 × noise")):
+            axes.axhline(sign * 1.96 * noise, color=COLOURS[0], linewidth=0.9, linestyle=":", label=label)
     axes.axhline(0.0, color=INK, linewidth=0.7)
     band = shown_samples.band(driver, residual)
     if along.labels:
@@ -228,19 +214,9 @@ def _rungs(axes: Axes, tested: Sequence[Rung], name: str, place: dict[int, int])
     for side, marker, face, label in ((-_APART, "o", "white", "before"), (_APART, "s", COLOURS[0], "after")):
         intervals = [one.before if side < 0.0 else one.after for _, one in known]
         value, spread = _spread(intervals, what.factor)
-        axes.errorbar(
-            at + side,
-            value,
-            spread,
-            fmt=marker,
-            color=COLOURS[0],
-            markerfacecolor=face,
-            markersize=5.0,
-            capsize=2.5,
-            linewidth=1.0,
-            label=f"{label} (95 %)",
-            zorder=3,
-        )
+        style: dict[str, Any] = {"color": COLOURS[0], "markersize": 5.0, "capsize": 2.5, "linewidth": 1.0}
+        style |= {"fmt": marker, "markerfacecolor": face, "label": f"{label} (95 %)"}
+        axes.errorbar(at + side, value, spread, zorder=3, **style)
     for x, (_, one) in zip(at, known, strict=True):
         ends = [one.before.value * what.factor, one.after.value * what.factor]
         axes.plot([x - _APART, x + _APART], ends, color=INK, linewidth=0.8, zorder=2)

@@ -72,30 +72,15 @@ def _estimates(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
     c, phi = shown_segments.estimate_limits(table)
     unseen = 0
     for row, style in enumerate(styles):
-        trusted = table["status"][row] == "ok"
-        outline = shown_segments.ellipse(table, row)
+        colour, outline = COLOURS[style], shown_segments.ellipse(table, row)
         if len(styles) <= MOST_ERRORS and np.isfinite(outline).all():
             # One around the axes, or beyond them, does not show.
             unseen += not Path(outline).intersects_bbox(Bbox(np.transpose([c, phi])), filled=False)
-            axes.add_patch(
-                Polygon(
-                    outline,
-                    facecolor=COLOURS[style] if trusted else "none",
-                    edgecolor=COLOURS[style],
-                    alpha=0.25 if trusted else 0.5,
-                    linewidth=0.8,
-                    linestyle="-" if trusted else ":",
-                )
-            )
-        axes.plot(
-            table["c_kPa"][row],
-            table["phi_deg"][row],
-            marker=MARKERS[style],
-            linestyle="none",
-            markersize=5.0,
-            color=COLOURS[style],
-            markerfacecolor=COLOURS[style] if trusted else "white",
-        )
+            trusted = table["status"][row] == "ok"
+            face, alpha, line = (colour, 0.25, "-") if trusted else ("none", 0.5, ":")
+            look: dict[str, Any] = {"facecolor": face, "edgecolor": colour, "alpha": alpha}
+            axes.add_patch(Polygon(outline, linewidth=0.8, linestyle=line, **look))
+        _mark(axes, table, row, colour, marker=MARKERS[style], markersize=5.0, linestyle="none")
     x, y = (np.asarray(table[name], dtype=float) for name in ("c_kPa", "phi_deg"))
     outside = int(np.count_nonzero((x < c[0]) | (x > c[1]) | (y < phi[0]) | (y > phi[1])))
     title = "estimates, 95 % regions" if len(styles) <= MOST_ERRORS else "estimates"
@@ -107,6 +92,12 @@ def _estimates(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
         ylabel="friction angle φ (°)",
         title=f"{title} ({', '.join(notes)})" if notes else title,
     )
+
+
+def _mark(axes: Axes, table: Mapping[str, Any], row: int, colour: str, **style: Any) -> None:
+    """Draw c and φ of a segment, hollow where its status is not ok."""
+    face = colour if table["status"][row] == "ok" else "white"
+    axes.plot(table["c_kPa"][row], table["phi_deg"][row], color=colour, markerfacecolor=face, **style)
 
 
 def _lines(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
@@ -130,16 +121,10 @@ def _lines(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
             axes.fill_between(
                 stress, value - 1.96 * error, value + 1.96 * error, color=colour, alpha=0.15, linewidth=0.0
             )
-        axes.errorbar(
-            pivots[row],
-            table["strength_kPa"][row],
-            yerr=1.96 * np.nan_to_num(table["strength_se_kPa"][row]) if len(styles) <= MOST_ERRORS else None,
-            color=colour,
-            marker=marker,
-            markersize=4.0,
-            capsize=2.0,
-            elinewidth=0.9,
-        )
+        error = 1.96 * np.nan_to_num(table["strength_se_kPa"][row])
+        style: dict[str, Any] = {"marker": marker, "markersize": 4.0, "capsize": 2.0, "elinewidth": 0.9}
+        style |= {"color": colour, "yerr": error if len(styles) <= MOST_ERRORS else None}
+        axes.errorbar(pivots[row], table["strength_kPa"][row], **style)
     across, up = shown_segments.strength_limits(table)
     axes.set(xlim=across, ylim=up)
 
@@ -215,15 +200,8 @@ def _draw(axes: Axes, paths: list[Array], values: Array, ends: tuple[float, floa
     for course, value in zip(courses, values[drawn], strict=True):
         if len(drawn) <= MOST_LABELS and np.isfinite(value):
             middle = course[len(course) // 2]
-            axes.annotate(
-                f"{value:.2g}",
-                middle,
-                (0, 6),
-                textcoords="offset points",
-                fontsize=7.0,
-                ha="center",
-                color=INK,
-            )
+            look: dict[str, Any] = {"fontsize": 7.0, "ha": "center", "color": INK}
+            axes.annotate(f"{value:.2g}", middle, (0, 6), textcoords="offset points", **look)
     axes.grid(visible=True, color=FAINT, alpha=0.3, linewidth=0.5)
     return lines
 
@@ -298,14 +276,7 @@ def _panel(axes: Axes, posterior: Posterior, rows: Index, table: Mapping[str, An
     outline = shown_segments.ellipse(table, row)
     if np.isfinite(outline).all():
         axes.plot(*outline.T, color=FAINT, linewidth=0.9, linestyle="--")
-    axes.plot(
-        table["c_kPa"][row],
-        table["phi_deg"][row],
-        marker="o",
-        markersize=4.0,
-        color=INK,
-        markerfacecolor=INK if table["status"][row] == "ok" else "white",
-    )
+    _mark(axes, table, row, INK, marker="o", markersize=4.0)
     terrain = f", {table['terrain'][row]}" if table["terrain"][row] else ""
     axes.set(xlim=limits[0], ylim=limits[1], xlabel="cohesion c (kPa)", ylabel="friction angle φ (°)")
     stress = f", σ* = {pivot:.3g} kPa" if pivot > 0.0 else ""

@@ -7,7 +7,6 @@ keyboard reaches it and no script stands between.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import altair as alt
@@ -90,6 +89,35 @@ def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
 
 
+#: How all charts look.
+_SETTINGS: Spec = {
+    "aria": False,
+    "font": "system-ui, DejaVu Sans, Arial, sans-serif",
+    "view": {"continuousHeight": 300, "continuousWidth": 300, "stroke": None},
+    "axis": {
+        "gridColor": FAINT,
+        "gridOpacity": 0.25,
+        "labelColor": INK,
+        "labelFontSize": 11,
+        "labelOverlap": "greedy",
+        "labelSeparation": 6,
+        "titleColor": INK,
+        "titleFontSize": 12,
+        "titleFontWeight": "normal",
+    },
+    "legend": {
+        "labelColor": INK,
+        "labelFontSize": 11,
+        "labelLimit": 180,
+        "orient": "bottom",
+        "columns": 3,
+        "titleColor": INK,
+        "titleFontSize": 12,
+        "titleFontWeight": "normal",
+    },
+}
+
+
 class Sheet:
     """A chart being drawn, its data kept apart; `control` is what chooses: "segment" or "model"."""
 
@@ -114,41 +142,7 @@ class Sheet:
             choice = alt.VariableParameter(name=self._control, value=self._chosen, bind=bind)
             spec["params"] = [*spec.get("params", []), choice.to_dict(validate=False)]
         size = {"width": width, "height": height, "background": "transparent"}
-        return {**spec, **size, "config": _settings(), "datasets": self._datasets}
-
-
-@cache
-def _settings() -> Spec:
-    """Return how all charts look."""
-    chart = (
-        alt.Chart(alt.NamedData(name="any"))
-        .mark_point()
-        .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
-        .configure_view(stroke=None)
-        .configure_axis(
-            gridColor=FAINT,
-            gridOpacity=0.25,
-            labelColor=INK,
-            labelFontSize=11,
-            labelOverlap="greedy",
-            labelSeparation=6,
-            titleColor=INK,
-            titleFontSize=12,
-            titleFontWeight="normal",
-        )
-        .configure_legend(
-            labelColor=INK,
-            titleColor=INK,
-            titleFontWeight="normal",
-            labelFontSize=11,
-            titleFontSize=12,
-            labelLimit=180,
-            orient="bottom",
-            columns=3,
-        )
-    )
-    settings: Spec = chart.to_dict(validate=False)["config"]
-    return settings
+        return {**spec, **size, "config": _SETTINGS, "datasets": self._datasets}
 
 
 def scale(low: float, high: float) -> alt.Scale:
