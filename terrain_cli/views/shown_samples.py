@@ -26,6 +26,8 @@ _MOST_BINS, _LEAST = 24, 25
 #: A hole in a driver, as a share of its range, that a band does not bridge; a step of a driver that
 #: has few values is none.
 _HOLE, _FEW = 0.15, 12
+#: Samples counted at a time: all those of a long log at once would take some hundred MB.
+_BLOCK = 1_000_000
 #: Drivers that are shown before others.
 USUAL = (
     *("slip", "load", "sinkage", "velocity", "acceleration", "pitch", "yaw_rate", "motor_temperature"),
@@ -78,7 +80,11 @@ def limits(*columns: Array, margin: float = 0.03) -> tuple[float, float]:
 def grid(x: Array, y: Array, bins: int = 50) -> Grid:
     """Count points, all finite, in a grid over their range."""
     edges = np.linspace(*limits(x), bins + 1), np.linspace(*limits(y), bins + 1)
-    return Grid(*edges, np.histogram2d(x, y, bins=edges)[0].T)
+    counts = np.zeros((bins, bins))
+    for start in range(0, len(x), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        counts += np.histogram2d(x[part], y[part], bins=edges)[0]
+    return Grid(*edges, counts.T)
 
 
 def band(driver: Array, values: Array) -> Band:

@@ -22,6 +22,13 @@ def test_grid_counts_every_point_once(x, y):
     assert grid.counts.shape == (7, 7)
 
 
+def test_grid_counts_in_parts_as_in_one(monkeypatch):
+    x, y = np.random.default_rng(0).normal(size=(2, 1000))
+    whole = shown_samples.grid(x, y).counts
+    monkeypatch.setattr(shown_samples, "_BLOCK", 33)
+    np.testing.assert_array_equal(shown_samples.grid(x, y).counts, whole)
+
+
 def test_rows_of_the_grid_go_with_y():
     grid = shown_samples.grid(np.array([0.0, 0.0, 10.0]), np.array([0.0, 0.0, 5.0]), 2)
     np.testing.assert_array_equal(grid.counts, [[2, 0], [0, 1]])
