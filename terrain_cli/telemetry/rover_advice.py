@@ -263,12 +263,11 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
             f'torque = {{ {where}, unit = "N m" }}{_one_of(names) if joint == "…" else ""}',
             f'# motor_current = {{ {where}, unit = "A" }}  # instead, if that is what effort is here',
         ]
-    free = [
-        stream.topic
+    numbers = {
+        stream.topic: [f.name for f in stream.fields if f.kind == "number" and "header." not in f.name]
         for stream in streams
-        if [f.name for f in stream.fields if f.kind == "number" and "header." not in f.name] == ["data"]
-        and not _used(plan, stream.topic)
-    ]
+    }
+    free = [topic for topic, names in numbers.items() if names == ["data"] and not _used(plan, topic)]
     if free:
         return [f'{channel} = {{ topic = "…", field = "data", unit = "{symbol}" }}{_one_of(free)}']
     fitting = _one_of(list(_fitting(plan, CHANNELS[channel].dimension)))
