@@ -63,7 +63,7 @@ class Soil:
 
     @property
     def friction_angle(self) -> float:
-        return math.atan(self.tan_phi)
+        return math.atan(self.tan_phi)  # rad
 
     def values(self, width: float) -> dict[str, float]:
         """Return the parameters of the model in SI units; the stiffness is kc/b + kφ, b the wheel's width."""
