@@ -116,9 +116,8 @@ class ArrivingBytes:
 
     def _next(self, descriptor: int) -> bytes | None:
         """Wait for a block; empty where none came, None at the end. Asked to end, wait for nothing."""
-        ready, _, _ = select.select(
-            [self._stop, *([] if self._grows else [descriptor])], [], [], 0 if self._grows else _LOOK
-        )
+        read = [] if self._grows else [descriptor]
+        ready, _, _ = select.select([self._stop, *read], [], [], 0 if self._grows else _LOOK)
         self.stopped = self._stop in ready
         if not (self._grows or descriptor in ready):
             return b""

@@ -164,11 +164,9 @@ class ParquetSource(Source):
         except PermissionError as error:
             raise NotFoundError(self._name(file), "no permission to read it") from error
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-            raise DamagedError(
-                self._name(file),
-                "is not a whole Parquet file: its footer is missing or corrupt",
-                hint=f"{_LOST}; without it nothing tells where its columns are, so --salvage cannot help",
-            ) from error
+            what = "is not a whole Parquet file: its footer is missing or corrupt"
+            hint = f"{_LOST}; without it nothing tells where its columns are, so --salvage cannot help"
+            raise DamagedError(self._name(file), what, hint=hint) from error
 
     def _next(self, file: str, batches: Iterator[pa.RecordBatch]) -> pa.RecordBatch | None:
         try:

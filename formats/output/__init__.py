@@ -45,9 +45,8 @@ def output_kind(destination: str) -> str:
         if kind is None and (stream or path.is_fifo() or path.is_char_device()):
             return "csv"
     if kind is None:
-        raise CannotWriteError(
-            destination, f"the ending {path.suffix!r} is not known", hint=f"known are {', '.join(_KINDS)}"
-        )
+        what = f"the ending {path.suffix!r} is not known"
+        raise CannotWriteError(destination, what, hint=f"known are {', '.join(_KINDS)}")
     return kind
 
 

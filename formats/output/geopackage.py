@@ -183,9 +183,8 @@ def qml(column: str, values: NDArray[np.float64], kind: str) -> str | None:
         _symbol(symbols, str(place), COLOURS[shade], kind)
     ET.SubElement(root, "layerGeometryType").text = _GEOMETRY_TYPES[kind]
     # QGIS looks for its document type, and takes nothing else.
-    return "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + ET.tostring(
-        root, encoding="unicode"
-    )
+    document_type = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+    return document_type + ET.tostring(root, encoding="unicode")
 
 
 def _symbol(parent: ET.Element, name: str, colour: str, kind: str) -> None:

@@ -117,11 +117,9 @@ def _check_profile(name: str, head: bytes) -> None:
     (length,) = struct.unpack_from("<I", head, 17)
     profile = head[21 : 21 + length]
     if profile != b"ros2" and len(head) >= 21 + length:
-        raise FormatError(
-            name,
-            f"its MCAP profile is {profile[:40].decode(errors='replace')!r}, and only 'ros2' can be read",
-            hint="convert the recording to ROS 2, or export the topics to CSV",
-        )
+        told = profile[:40].decode(errors="replace")
+        hint = "convert the recording to ROS 2, or export the topics to CSV"
+        raise FormatError(name, f"its MCAP profile is {told!r}, and only 'ros2' can be read", hint=hint)
 
 
 def _check_db3(path: Path, name: str, head: bytes, size: int) -> None:
@@ -170,9 +168,8 @@ class Recording:
                 self.files = self._unpack(stack)
 
     def name(self, file: Path) -> str:
-        return (
-            self.path if file == Path(self.path) else str(Path(self.path, self._names.get(file, file.name)))
-        )
+        inside = Path(self.path, self._names.get(file, file.name))
+        return self.path if file == Path(self.path) else str(inside)
 
     def complete(self, recovery: Recovery) -> None:
         """Fill in what metadata.yaml tells of the log as a whole."""

@@ -74,9 +74,8 @@ class Container:
             raise damaged(self.path, self.kind, TooMuchError(f"it has more than {CONNECTIONS:,} connections"))
         if sum(map(len, texts)) > DEFINITIONS_CHARACTERS:
             most = f"{DEFINITIONS_CHARACTERS:,} characters"
-            raise damaged(
-                self.path, self.kind, TooMuchError(f"its message definitions have more than {most}")
-            )
+            too_much = TooMuchError(f"its message definitions have more than {most}")
+            raise damaged(self.path, self.kind, too_much)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         """Read the messages of some connections (places in `connections`), by log time within each file."""

@@ -123,9 +123,8 @@ def _texts(decoder: Decoder, messages: Messages) -> list[tuple[Leaf, FieldReques
         first = decoder.message(messages.payload(0))
         for leaf in lists:
             places = range(len(elements_of(first, leaf)[0]))
-            wanted += [
-                (leaf, FieldRequest(f"{leaf.name}[{place}]", leaf.name, "text", place)) for place in places
-            ]
+            asked = {place: f"{leaf.name}[{place}]" for place in places}
+            wanted += [(leaf, FieldRequest(name, leaf.name, "text", place)) for place, name in asked.items()]
     return wanted
 
 

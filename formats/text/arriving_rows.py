@@ -95,11 +95,9 @@ class ArrivingRows(Source):
             what = f"is {FILE_KINDS[kind].found}, which can be followed in its file, not in a pipe"
             raise FormatError(self.label, what, hint="name the file that the recorder writes")
         if kind != "csv":
-            raise FormatError(
-                self.label,
-                f"holds {FILE_KINDS[kind].found}, and only CSV, JSON Lines and bags can be followed",
-                hint="batch --watch takes a recording as soon as it is closed",
-            )
+            what = f"holds {FILE_KINDS[kind].found}, and only CSV, JSON Lines and bags can be followed"
+            hint = "batch --watch takes a recording as soon as it is closed"
+            raise FormatError(self.label, what, hint=hint)
 
     def _add(self, data: bytes, *, last: bool = False) -> None:
         whole, end, rest = (self._rest + data).rpartition(b"\n")

@@ -88,9 +88,8 @@ def _delimiter(path: str, lines: list[str]) -> str:
     if not scores[best][0]:
         spaced = {len(line.split()) for line in lines if line.strip()}
         if len(spaced) == 1 and spaced.pop() > 1 and len(lines) > 1:
-            raise FormatError(
-                path, "has spaces between its columns", hint="separate them by commas, semicolons or tabs"
-            )
+            hint = "separate them by commas, semicolons or tabs"
+            raise FormatError(path, "has spaces between its columns", hint=hint)
         return ","
     return best
 

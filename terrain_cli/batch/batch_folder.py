@@ -53,9 +53,8 @@ class Folder:
             self._note(entry)
         if writable:
             pointers = self.kept.values()
-            self.records = Records(
-                self.state / _RECORDS, max((offset + length for offset, length, _ in pointers), default=0)
-            )
+            end = max((offset + length for offset, length, _ in pointers), default=0)
+            self.records = Records(self.state / _RECORDS, end)
             self.kept = {key: kept for key, kept in self.kept.items() if self.records.read(kept)}
 
     def close(self) -> None:
@@ -82,11 +81,9 @@ class Folder:
             except BlockingIOError:
                 holder = os.pread(self._lock, 32, 0).decode("ascii", "replace").strip()
                 os.close(self._lock)
-                raise CannotWriteError(
-                    str(self.path),
-                    f"another batch is at work here (process {holder or 'unknown'})",
-                    hint="wait for its end, or give another folder with -o",
-                ) from None
+                what = f"another batch is at work here (process {holder or 'unknown'})"
+                hint = "wait for its end, or give another folder with -o"
+                raise CannotWriteError(str(self.path), what, hint=hint) from None
             os.ftruncate(self._lock, 0)
             os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
             for rest in self.state.iterdir():
@@ -135,7 +132,8 @@ class Folder:
         """Remove a file that is not to be taken for a result any more."""
         # A manifest that someone has changed is not to lead out of the folder.
         if name and re.fullmatch(rf"{RESULTS}/[^/]+", name):
-            manifest.remove(self.path / name)
+            with explained(str(self.path / name)):
+                (self.path / name).unlink(missing_ok=True)
 
     def has_result(self, entry: ManifestEntry, name: str) -> bool:
         """Tell whether the result of an input is there as it was written, where it belongs."""

@@ -140,9 +140,8 @@ def _open(address: str) -> tuple[Any, str]:
     try:
         import fsspec
     except ModuleNotFoundError:
-        raise ConfigurationError(
-            f"{address}: inputs in a store need fsspec", hint=version.command_for("remote")
-        ) from None
+        what = f"{address}: inputs in a store need fsspec"
+        raise ConfigurationError(what, hint=version.command_for("remote")) from None
     try:
         store, path = fsspec.core.url_to_fs(address)
     except (ImportError, ValueError) as error:
@@ -167,9 +166,8 @@ def discover(names: Sequence[str]) -> list[Input]:
     found: dict[str, Input] = {}
     for name in names:
         if name == "-":
-            raise UsageError(
-                "batch reads files, not the standard input", hint="use terrain-est estimate, or save it first"
-            )
+            hint = "use terrain-est estimate, or save it first"
+            raise UsageError("batch reads files, not the standard input", hint=hint)
         for item in _in_store(name) if is_address(name) else _on_disk(name):
             found.setdefault(item.location, item)
     return list(found.values())
@@ -245,6 +243,5 @@ def check_unchanged(item: Input) -> None:
     if now.problem:
         raise now.problem
     if (now.size, now.stamp) != (item.size, item.stamp):
-        raise NotFoundError(
-            item.path, "was written to while it was read", hint="run again when it is complete"
-        )
+        hint = "run again when it is complete"
+        raise NotFoundError(item.path, "was written to while it was read", hint=hint)

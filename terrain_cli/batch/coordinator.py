@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict, deque
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
 from formats.recovery import told
@@ -201,13 +201,9 @@ class Keeper:
             self._finish(case, reply)
 
     def _duplicate(self, case: _Case, holder: str) -> None:
-        entry = replace(
-            self._entry(case, Reply(sha256=case.sha256)),
-            configuration=self._key(case)[1],
-            status="duplicate",
-            duplicate_of=self._paths[holder],
-            exit_code=None,
-        )
+        entry = self._entry(case, Reply(sha256=case.sha256))
+        entry = replace(entry, configuration=self._key(case)[1], status="duplicate", exit_code=None)
+        entry = replace(entry, duplicate_of=self._paths[holder])
         before = self._folder.latest.get(case.item.location)
         self._folder.remove(before.result if before else None)
         self._write(case, entry)
@@ -270,10 +266,9 @@ class Keeper:
         """Write down what was kept before, is damaged now, and was not among the inputs."""
         for entry in list(self._folder.latest.values()):
             if entry.status == "ok" and (str(entry.sha256), entry.configuration) not in self._folder.kept:
-                text = f"{entry.path}: what was kept of it is damaged"
-                damaged = {"error_class": "DamagedError", "error": text, "hint": "give it as an input again"}
-                why: dict[str, Any] = {**damaged, "status": "failed", "exit_code": 65, "passing": True}
-                failed = replace(entry, **why, record=None)
+                text, hint = f"{entry.path}: what was kept of it is damaged", "give it as an input again"
+                failed = replace(entry, status="failed", error_class="DamagedError", error=text, hint=hint)
+                failed = replace(failed, exit_code=65, passing=True, record=None)
                 self._folder.add(failed)
                 self.tally.failures[entry.location] = failed
 

@@ -162,11 +162,9 @@ def _check_versions(address: str, client: Any) -> None:
                 for n, name in enumerate(name for name in own if theirs.get(name) != own[name])
             )
         if what:
-            raise SchedulerError(
-                f"{address}: {place} {what}",
-                hint=f"install terrain-est {own['terrain-est']} and the same "
-                "versions of Python and its packages everywhere",
-            )
+            same = f"install terrain-est {own['terrain-est']} and the same versions"
+            hint = f"{same} of Python and its packages everywhere"
+            raise SchedulerError(f"{address}: {place} {what}", hint=hint)
 
 
 def run_apart(task: Task, timeout: float | None, memory: int | None) -> Reply:

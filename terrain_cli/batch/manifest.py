@@ -123,11 +123,6 @@ def place(temporary: Path, target: Path) -> None:
         os.replace(temporary, target)  # noqa: PTH105 - as all writes here, by the system's own name
 
 
-def remove(path: Path) -> None:
-    with explained(str(path)):
-        path.unlink(missing_ok=True)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManifestEntry:
     """What became of one input; the last entry of a location holds."""

@@ -162,6 +162,6 @@ class Rover:
 
     def _missing(self, what: str, lines: str) -> ConfigurationError:
         where = f"{self.path} does not give" if self.path else "there is no rover.toml to give"
-        add = f"add to {self.path}" if self.path else ""
-        add = add or "write rover.toml beside the input, or name one with --rover"
+        nowhere = "write rover.toml beside the input, or name one with --rover"
+        add = f"add to {self.path}" if self.path else nowhere
         return ConfigurationError(f"{where} {what}", hint=f"{add}:\n{lines}")

@@ -41,7 +41,7 @@ class Settings:
 
     @property
     def stress(self) -> float | None:
-        return None if self.at_stress is None else 1e3 * self.at_stress
+        return None if self.at_stress is None else 1e3 * self.at_stress  # Pa
 
     @property
     def of_fits(self) -> dict[str, Any]:

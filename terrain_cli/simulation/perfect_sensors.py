@@ -218,11 +218,9 @@ class Physics:
             guess = np.asarray(guess - step)
             if _change(guess, guess + step) <= _CLOSE:
                 return guess
-        raise InputError(
-            f"no measured {quantity} gives the {quantity} that the soil is to feel, with the effects "
-            f"{', '.join(e.id for e in laws)}",
-            hint="make them smaller",
-        )
+        what = f"no measured {quantity} gives the {quantity} that the soil is to feel"
+        with_these = f"with the effects {', '.join(e.id for e in laws)}"
+        raise InputError(f"{what}, {with_these}", hint="make them smaller")
 
 
 def _without(base: Any, effects: Iterable[Any], *quantities: str) -> Model:

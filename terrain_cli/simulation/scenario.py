@@ -63,7 +63,7 @@ class Soil:
 
     @property
     def friction_angle(self) -> float:
-        return math.atan(self.tan_phi)
+        return math.atan(self.tan_phi)  # rad
 
     def values(self, width: float) -> dict[str, float]:
         """Return the parameters of the model in SI units; the stiffness is kc/b + kφ, b the wheel's width."""
@@ -154,9 +154,8 @@ def find(name: str, own: Mapping[str, Soil], place: str) -> Soil:
     """Find a soil by its name; those of the user stand above the published ones."""
     known = {**SOILS, **own}
     if name not in known:
-        raise ConfigurationError(
-            f"{place}: no soil {name!r}{nearest(name, known)}", hint=f"known are {', '.join(known)}"
-        )
+        what = f"{place}: no soil {name!r}{nearest(name, known)}"
+        raise ConfigurationError(what, hint=f"known are {', '.join(known)}")
     return known[name]
 
 
@@ -174,9 +173,8 @@ class Chosen:
 
 def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
     """Read the table [effects]: id or file → its parameters; names are not looked up here."""
-    result: dict[str, dict[str, float]] = toml_files.tables(toml_files.tables(toml_files.number("a number")))(
-        value, place
-    )
+    rule = toml_files.tables(toml_files.tables(toml_files.number("a number")))
+    result: dict[str, dict[str, float]] = rule(value, place)
     return result
 
 

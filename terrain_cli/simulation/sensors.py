@@ -162,9 +162,8 @@ def amount_rule(channel: str) -> Rule:
             return SensorAmount(absolute=size)
         unit = units.parse(text, CHANNELS[channel].dimension)
         if unit is None:
-            raise ConfigurationError(
-                f"{place}: {value!r} is no amount of {channel}", hint=f"{unit_hint(channel)}, or a share in %"
-            )
+            what, hint = f"{value!r} is no amount of {channel}", f"{unit_hint(channel)}, or a share in %"
+            raise ConfigurationError(f"{place}: {what}", hint=hint)
         # A difference: the zero of the unit does not matter.
         return SensorAmount(absolute=size * unit.factor)
 

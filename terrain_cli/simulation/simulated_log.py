@@ -100,9 +100,8 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
         time = np.unique(np.concatenate([*clocks.values()]))
         truth = {"time": time, **perfect_sensors.Physics(scenario, ride).at(time)}
         log.truth[place.name] = truth
-        log.wheels[place.name] = {
-            name: _measure(scenario, place.name, name, times, truth) for name, times in clocks.items()
-        }
+        series = {name: _measure(scenario, place.name, name, at, truth) for name, at in clocks.items()}
+        log.wheels[place.name] = series
         log.stretches[place.name] = _stretches(ride)
     # At the origin of the body there is no wheel and no soil.
     nothing = np.zeros(len(way.time))
@@ -167,9 +166,8 @@ def draw(scenario: Scenario) -> Scenario:
             candidate = replace(scenario, effects=(*scenario.effects, chosen))
             if _shows(candidate, ride, time, without) and _drives(candidate, way):
                 return candidate
-    raise InputError(
-        "no effect of the catalogue shows in this drive", hint="vary slip, load and speed, as --drive mixed"
-    )
+    hint = "vary slip, load and speed, as --drive mixed"
+    raise InputError("no effect of the catalogue shows in this drive", hint=hint)
 
 
 def _shows(scenario: Scenario, ride: course.Ride, time: Array, without: dict[str, Array]) -> bool:

@@ -57,9 +57,8 @@ class ArrivingSamples(ABC):
 
     def __init__(self, source: Source, rover: Rover, settings: Settings, effects: Effects) -> None:
         where = telemetry.Condition(settings.where) if settings.where else None
-        self._reader = telemetry.part_reader(
-            source, rover, wheels=settings.wheels, where=where, effects=effects
-        )
+        asked: dict[str, Any] = {"wheels": settings.wheels, "where": where, "effects": effects}
+        self._reader = telemetry.part_reader(source, rover, **asked)
         #: The first samples of each wheel, until its units are judged.
         self._first: dict[str, list[Samples]] = {}
         #: Samples of each wheel, and those set aside by reason.
@@ -168,11 +167,9 @@ class RowSamples(ArrivingSamples):
 
         for raw in raw_channels.wheels(request.layout, table, request.channels, (), choose):
             if len(raw) and (found := own_clocks.find(raw)):
-                raise InputError(
-                    f"{self._rows.label}: {found.slowest} is filled in fewer rows than others, and rows that "
-                    "arrive are not brought to one clock",
-                    hint="send every channel of a wheel in one row, or record it and run estimate",
-                )
+                what = f"{self._rows.label}: {found.slowest} is filled in fewer rows than others"
+                hint = "send every channel of a wheel in one row, or record it and run estimate"
+                raise InputError(f"{what}, and rows that arrive are not brought to one clock", hint=hint)
 
 
 def _length(batch: Batch) -> int:

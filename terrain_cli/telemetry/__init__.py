@@ -83,10 +83,9 @@ def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
     """Return what makes samples of rows or messages as they arrive; InputError where a row has no clock."""
     request = _request(source, rover, **asked)
     if is_table(source) and not any(feed.channel == "time" for feed in request.layout.every_feed):
-        raise InputError(
-            f"{source.label}: no column is the time of a row, without which nothing can be followed",
-            hint="name one in its header (time, or stamp_ns), or in rover.toml under [channels]",
-        )
+        what = "no column is the time of a row, without which nothing can be followed"
+        hint = "name one in its header (time, or stamp_ns), or in rover.toml under [channels]"
+        raise InputError(f"{source.label}: {what}", hint=hint)
     return PartReader(request, evident=False)
 
 
@@ -162,10 +161,8 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
     headers = {f.name for f in layout.source.streams()[0].fields} if is_table(layout.source) else set[str]()
     columns = where.names & headers
     always = (*NEEDED, *([] if is_table(layout.source) else ["time"]))
-    known = {feed.channel for feed in layout.every_feed}.union(always)
-    for name in sorted(where.names - headers - known):
-        raise InputError(
-            f"{layout.source.path}: --where: there is no column {name}{nearest(name, headers | known)}",
-            hint=f"there are {', '.join(sorted(headers | known))}",
-        )
+    known = {feed.channel for feed in layout.every_feed}.union(always, headers)
+    for name in sorted(where.names - known):
+        what = f"--where: there is no column {name}{nearest(name, known)}"
+        raise InputError(f"{layout.source.path}: {what}", hint=f"there are {', '.join(sorted(known))}")
     return sorted(columns), where.names - columns

@@ -132,11 +132,9 @@ def check_unit_of_time(
         what = f"samples are {step:.10g} apart, which can hardly be seconds"
     if unit:
         header = "" if unit == "…" else f"the header ({column}_{unit}), or in "
-        raise InputError(
-            f"{path}: column {column!r}: {what}",
-            hint=f"say the unit in {header}rover.toml:\n"
-            f'[channels]\ntime = {{ column = "{column}", unit = "{unit}" }}',
-        )
+        entry = f'time = {{ column = "{column}", unit = "{unit}" }}'
+        hint = f"say the unit in {header}rover.toml:\n[channels]\n{entry}"
+        raise InputError(f"{path}: column {column!r}: {what}", hint=hint)
 
 
 def split_clock(time: Array) -> tuple[Index, Mask, Mask]:

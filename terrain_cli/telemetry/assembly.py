@@ -79,10 +79,9 @@ def _cannot_give(
         text if len(wheels) == len(lacks) else f"wheel {', '.join(wheels)}: {text}"
         for text, wheels in reasons.items()
     ]
-    return InputError(
-        f"{layout.source.path}: c and φ cannot be estimated: {'; '.join(parts)}",
-        hint=f"add to {rover.label} (terrain-est inspect shows what there is):\n{lines}",
-    )
+    hint = f"add to {rover.label} (terrain-est inspect shows what there is):\n{lines}"
+    what = f"c and φ cannot be estimated: {'; '.join(parts)}"
+    return InputError(f"{layout.source.path}: {what}", hint=hint)
 
 
 def _model_cannot_be_fitted(
@@ -137,15 +136,10 @@ def assemble(
     # were looked at, and without `judged` they are only so far as a clock goes.
     source, wheel = layout.source, wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
-    geometry = Geometry(
-        radius,
-        width,
-        rover.soil_shear_modulus(),
-        wheel.grouser_height,
-        wheel.grouser_count,
-        rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY,
-        rover.shear_modulus_factor,
-    )
+    k, factor = rover.soil_shear_modulus(), rover.shear_modulus_factor
+    grousers = wheel.grouser_height, wheel.grouser_count
+    gravity = rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY
+    geometry = Geometry(radius, width, k, *grousers, gravity, factor)
     if not checked:
         _check_clock(source, raw, radius)
     origins = rover_advice.complete(raw, wheel, rover)
@@ -156,9 +150,8 @@ def assemble(
             known.setdefault("time", raw.time + raw.origin)
         nothing = np.full(len(raw), np.nan)
         raw.select(where.holds({name: known.get(name, nothing) for name in where.names}))
-    reasons, restarts = usable_samples.set_aside(
-        raw.channels, raw.time, radius, width, skids=effects is not None
-    )
+    skids = effects is not None
+    reasons, restarts = usable_samples.set_aside(raw.channels, raw.time, radius, width, skids=skids)
     gap = usable_samples.longest_gap(raw.time, reasons, rover.max_gap) if raw.time is not None else 0.0
     runs = raw.labels.get("run") if raw.time is not None else None
     stretch = usable_samples.stretches(raw.time, reasons, runs=runs, restarts=restarts, max_gap=gap)

@@ -186,9 +186,9 @@ class PartReader:
         request, layout, rover = self.request, self.request.layout, self.request.rover
         end = self._ends[raw.wheel]
         end.count_on(raw)
-        columns, checked = (*layout.extras, _ROW), end.begun if self._evident else end.clocked
-        how = {"checked": checked, "judged": self._evident}
-        samples = assemble(layout, raw, rover, request.where, request.effects, columns, **how)
+        given = layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW)
+        checked = end.begun if self._evident else end.clocked
+        samples = assemble(*given, checked=checked, judged=self._evident)
         end.clocked |= len(raw) >= alignment.FEW_TIMES
         if not end.begun:
             told = samples.remarks[len(layout.source.remarks) :]

@@ -62,9 +62,8 @@ class OwnClocks:
         assert raw.time is not None  # noqa: S101 - only found where there is a clock
         time, channels, bounds = raw.time, raw.channels, _pieces(raw)
         there = _filled(channels)
-        rows = np.concatenate(
-            [a + self._rows(time[a:b], there[self.slowest][a:b]) for a, b in pairwise(bounds)]
-        ).astype(np.intp)
+        own = [a + self._rows(time[a:b], there[self.slowest][a:b]) for a, b in pairwise(bounds)]
+        rows = np.concatenate(own).astype(np.intp)
         raw.select(rows)
         interpolated = np.zeros(len(rows), dtype=bool)
         counted = _measured(raw)

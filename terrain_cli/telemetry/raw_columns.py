@@ -105,10 +105,9 @@ def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str
         batches[topic].append(batch)
         size += sum((c.codes if isinstance(c, Labels) else c).nbytes for c in batch.values())
         if size > most:
-            raise InputError(
-                f"{source.path}: too long to be read whole: there is memory for {most:,} bytes of columns",
-                hint='split it, or leave out what needs every sample ("Long logs" in docs/conventions.md)',
-            )
+            what = f"too long to be read whole: there is memory for {most:,} bytes of columns"
+            hint = 'split it, or leave out what needs every sample ("Long logs" in docs/conventions.md)'
+            raise InputError(f"{source.path}: {what}", hint=hint)
     return {topic: whole(found) if found else empty(fields[topic]) for topic, found in batches.items()}
 
 
@@ -126,10 +125,9 @@ def whole(batches: list[Batch]) -> dict[str, Column]:
 def as_clock(path: str, header: str, column: Column, seconds: Callable[[], Array]) -> tuple[float, Array]:
     """Return the whole seconds taken off a clock, and those since, which `seconds` reads of numbers."""
     if isinstance(column, Labels):
-        raise InputError(
-            f"{path}: column {header!r} holds texts that are no times, such as {column.names[0]!r}",
-            hint="times are seconds, or ISO 8601 such as 2026-11-21T08:00:00Z",
-        )
+        what = f"column {header!r} holds texts that are no times, such as {column.names[0]!r}"
+        hint = "times are seconds, or ISO 8601 such as 2026-11-21T08:00:00Z"
+        raise InputError(f"{path}: {what}", hint=hint)
     if column.dtype.kind == "M":
         known = column[~np.isnat(column)]
         origin = float(known[0].astype("datetime64[s]").astype(np.int64)) if len(known) else 0.0

@@ -48,15 +48,13 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
     """Say how needed channels not recorded, and the velocity, can be derived, and what is missing."""
     have = set(available)
     missing = tuple(name for name in ("angular_velocity", "velocity") if name not in have)
+    no_depth = Lack("sinkage", f"{NOWHERE}, nor the entry angle", ("sinkage",))
+    no_slip = Lack("slip", f"{NOWHERE}, nor {' and '.join(missing)} to derive it from", missing)
     ways = {
         "load": _load(have, wheel, rover),
         "torque": _torque(have, wheel),
-        "sinkage": "entry angle"
-        if "entry_angle" in have
-        else Lack("sinkage", f"{NOWHERE}, nor the entry angle", ("sinkage",)),
-        "slip": Lack("slip", f"{NOWHERE}, nor {' and '.join(missing)} to derive it from", missing)
-        if missing
-        else "angular velocity and velocity",
+        "sinkage": "entry angle" if "entry_angle" in have else no_depth,
+        "slip": no_slip if missing else "angular velocity and velocity",
     }
     found = {name: way for name, way in ways.items() if name not in have}
     derived = {name: way for name, way in found.items() if isinstance(way, str)}
@@ -263,12 +261,11 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
             f'torque = {{ {where}, unit = "N m" }}{_one_of(names) if joint == "…" else ""}',
             f'# motor_current = {{ {where}, unit = "A" }}  # instead, if that is what effort is here',
         ]
-    free = [
-        stream.topic
+    numbers = {
+        stream.topic: [f.name for f in stream.fields if f.kind == "number" and "header." not in f.name]
         for stream in streams
-        if [f.name for f in stream.fields if f.kind == "number" and "header." not in f.name] == ["data"]
-        and not _used(plan, stream.topic)
-    ]
+    }
+    free = [topic for topic, names in numbers.items() if names == ["data"] and not _used(plan, topic)]
     if free:
         return [f'{channel} = {{ topic = "…", field = "data", unit = "{symbol}" }}{_one_of(free)}']
     fitting = _one_of(list(_fitting(plan, CHANNELS[channel].dimension)))

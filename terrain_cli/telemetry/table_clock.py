@@ -59,10 +59,9 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
         found = [name for name in group if _is_clock(name, table, wheels)]
         if len(found) > 1:
             first = found[0].headers[0]
-            raise InputError(
-                f"{source.path}: columns {' and '.join(repr(n.headers[0]) for n in found)} can all be time",
-                hint=f"choose one in rover.toml: [channels] {_entry(first, table[first])}",
-            )
+            several = " and ".join(repr(name.headers[0]) for name in found)
+            hint = f"choose one in rover.toml: [channels] {_entry(first, table[first])}"
+            raise InputError(f"{source.path}: columns {several} can all be time", hint=hint)
         if found:
             plan.shared["time"] = _feed(found[0])
             return

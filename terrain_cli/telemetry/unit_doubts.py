@@ -244,9 +244,8 @@ def pull(e: UnitEvidence) -> Suspicion | None:
 def _changes(pull: Array, rim: Array, others: list[Array]) -> float | None:
     """Return the ratio of the changes of two forces, less what goes with `others`, that follow each other."""
     with np.errstate(all="ignore"):
-        known = np.column_stack(
-            [*(column / max(np.max(np.abs(column)), 1e-300) for column in others), np.ones(len(pull))]
-        )
+        scaled = [column / max(np.max(np.abs(column)), 1e-300) for column in others]
+        known = np.column_stack([*scaled, np.ones(len(pull))])
         parts = np.column_stack([pull, rim])
         if not np.isfinite(known).all():
             return None

@@ -143,8 +143,9 @@ class McapFile(McapReader):
                 begin, first = at, None
             if code == _CHUNK_CODE:
                 (start,) = _LENGTH.unpack_from(head, RECORD)
-                whole: dict[str, Any] = {"position": at, "stored": RECORD + length, "first": start}
-                found.append(Chunk(**whole, unpack=_contents, slow=True, index=None))
+                size = RECORD + length
+                chunk = Chunk(position=at, stored=size, unpack=_contents, slow=True, first=start, index=None)
+                found.append(chunk)
                 begin = behind
             elif code == _MESSAGE_CODE:
                 (time,) = _TIME.unpack_from(head, RECORD + 6)

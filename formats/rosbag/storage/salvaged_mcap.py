@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from binascii import crc32
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -133,15 +134,9 @@ class SalvagedMcap(RecordFile):
             raise BrokenRecordError(f"the chunk at byte {begin - RECORD:,} contradicts itself")
         index, end = self._index(end)
         start, last, size, checksum, packing = head
-        self.take_chunk(
-            begin - RECORD,
-            slice(contents, chunk_end),
-            packing,
-            size,
-            lambda found: _confirmed(found, index, start, last),
-            checksum=checksum,
-            vouched=bool(checksum),
-        )
+        place, vouched = slice(contents, chunk_end), bool(checksum)
+        confirm = partial(_confirmed, index=index, start=start, last=last)
+        self.take_chunk(begin - RECORD, place, packing, size, confirm, checksum=checksum, vouched=vouched)
         return end
 
     def _index(self, at: int) -> tuple[dict[int, Any], int]:
