@@ -145,39 +145,41 @@ def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]
             views = _views(ground, truth, sides, course)
         if views is None:
             return np.full_like(found, -np.inf)
+        old, new = (
+            np.stack([shown.predicted + bent(shown.effect, form, truth.old.effect) for form in FORMS])
+            for shown in (truth.old, views.shown[truth])
+        )
         for column, wrong in enumerate(sides):
             weight = views.weight(truth, wrong)
             if row == column or weight is None:
                 continue
             usable = ~(truth.lost | wrong.lost)[:, None]
-            for place, form in enumerate(FORMS):
-                old, new = (
-                    shown.predicted + bent(shown.effect, form, truth.old.effect)
-                    for shown in (truth.old, views.shown[truth])
+            away = [
+                _apart(
+                    ground,
+                    side,
+                    usable * (old - side.old.predicted),
+                    weight * (new - views.shown[side].predicted),
+                    weight[:, :, None] * views.slopes[side],
                 )
-                away = [
-                    _apart(
-                        ground,
-                        side,
-                        usable * (old - side.old.predicted),
-                        weight * (new - views.shown[side].predicted),
-                        weight[:, :, None] * views.slopes[side],
-                    )
-                    for side in (wrong, truth)
-                ]
-                found[row, column, place] = 0.5 * (away[0] - away[1])
+                for side in (wrong, truth)
+            ]
+            found[row, column] = 0.5 * (away[0] - away[1])
     return found
 
 
-def _apart(ground: PowerLog, side: Side, old_gap: Array, new_gap: Array, design: Array) -> float:
-    """Return by how much a new drive takes a model, fitted to old and new, from what is shown."""
+def _apart(ground: PowerLog, side: Side, old_gap: Array, new_gap: Array, design: Array) -> Array:
+    """Return by how much a new drive takes a model, fitted to old and new, from what is shown, shape (k,).
+
+    Gaps are of shape (k, n, c), and `design` is (n, c, p).
+    """
     old, new = old_gap / np.sqrt(ground.inflation), new_gap / np.sqrt(ground.new_inflation)
     table = (design / np.sqrt(ground.new_inflation)).reshape(-1, design.shape[2])
-    before = side.design.reshape(-1, design.shape[2]).T @ old.ravel()
-    after = before + table.T @ new.ravel()
+    before = old.reshape(len(old), -1) @ side.design.reshape(-1, design.shape[2])
+    after = before + new.reshape(len(new), -1) @ table
     cost = explained(side.information, before)
     both = explained(side.information + table.T @ table, after)
-    return float(np.sqrt(max((new**2).sum() + cost - both, 0.0)))
+    return np.asarray(np.sqrt(np.maximum((new**2).sum(axis=(1, 2)) + cost - both, 0.0)))
 
 
 @dataclass(frozen=True)

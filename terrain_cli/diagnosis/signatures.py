@@ -8,6 +8,7 @@ imitates can show; the score of a block is the sum of ĝ e over it (Rao 1948, wi
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,7 +22,7 @@ from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -92,11 +93,31 @@ def of_effects(
         tables = _tables(wheel, together, channels, rows, {})
         for effect in together:
             yield _of(effect, tables, together)
-    for effect in alone:
+    for at, several in _passes(alone, channels):
+        tables = _tables(wheel, several, channels, rows, at)
+        for effect in several:
+            yield _of(effect, tables, several)
+
+
+def _passes(
+    effects: Iterable[Effect], channels: Mapping[str, Array]
+) -> Iterator[tuple[dict[str, float], list[Effect]]]:
+    """Share the shapes of effects out to as few passes as there can be, each with values of all its shapes.
+
+    In a pass an effect has one shape, and all effects need the same channels: samples that lack one have none
+    of its signatures.
+    """
+    passes: dict[Hashable, tuple[dict[str, float], list[Effect]]] = {}
+    turn: Counter[Hashable] = Counter()
+    for effect in effects:
+        kind = bool(_ON_THE_RIM.intersection(effect.laws)), effect.needs
         shapes = [p for p in effect.parameters if p.shape]
         for values in zip(*(p.tried([channels]) for p in shapes), strict=True) if shapes else [()]:
-            at = {effect.qualified(p): value for p, value in zip(shapes, values, strict=True)}
-            yield _of(effect, _tables(wheel, [effect], channels, rows, at), [effect])
+            turn[effect.id, kind] += 1
+            at, several = passes.setdefault((kind, turn[effect.id, kind]), ({}, []))
+            at.update({effect.qualified(p): value for p, value in zip(shapes, values, strict=True)})
+            several.append(effect)
+    yield from passes.values()
 
 
 def leading(effect: Effect) -> list[str]:

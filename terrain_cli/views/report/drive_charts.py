@@ -66,8 +66,8 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     ).encode(
         x=alt.X("x:Q", title=titles[0], scale=scale(*across), axis=alt.Axis(tickCount=5)),
         y=alt.Y("y:Q", title=titles[1], scale=scale(*up), axis=alt.Axis(tickCount=5)),
-        order="o:Q",
-        detail="s:N",
+        order=alt.Order("o:Q"),
+        detail=alt.Detail("s:N"),
         tooltip=tips(name="segment", v=label),
     )
     base = base.transform_filter("split(datum.s, ':')[0] == split(segment, ':')[0]")
@@ -135,7 +135,7 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
             s=key[number],
             kind=[kinds[j] for j in number],
             o=np.tile(np.arange(corners), len(drawn)),
-        ).encode(x=x, y=y, order="o:Q", detail="s:N")
+        ).encode(x=x, y=y, order=alt.Order("o:Q"), detail=alt.Detail("s:N"))
         if len(drawn) <= _MOST_ELLIPSES:
             layers.insert(
                 0, shapes.mark_line(strokeWidth=1, opacity=0.6, clip=True).encode(color=_colour(kinds))
@@ -171,7 +171,7 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
     ).encode(
         x=alt.X("x:Q", title="normal stress σ (kPa)", scale=scale(*across)),
         y=alt.Y("y:Q", title="shear strength c + σ tan φ (kPa)", scale=scale(*up)),
-        detail="s:N",
+        detail=alt.Detail("s:N"),
         tooltip=tips(name="segment", x="σ (kPa)", y="strength (kPa)", low="95 % from", high="to"),
     )
     dashes = alt.StrokeDash("kind:N", title=None, scale=_by_kind(_DASHES, kinds))
@@ -183,7 +183,7 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
         base.mark_point(size=30, filled=True, clip=True)
         .encode(color=_colour(kinds))
         .transform_filter("datum.pivot"),
-        marked.mark_area(opacity=0.25, color=CHOSEN, clip=True).encode(y="low:Q", y2="high:Q"),
+        marked.mark_area(opacity=0.25, color=CHOSEN, clip=True).encode(y=alt.Y("low:Q"), y2=alt.Y2("high:Q")),
         marked.mark_line(strokeWidth=3, color=CHOSEN, clip=True),
     ]
     return sheet.finished(layers, 320)
@@ -237,7 +237,7 @@ def _timeline(
         status=[str(status) for status in table["status"]],
     ).encode(
         x=alt.X("x:Q", title="time since the start (s)", scale=alt.Scale(zero=False, nice=False)),
-        x2="x2:Q",
+        x2=alt.X2("x2:Q"),
         tooltip=[*tips(name="segment", y=title, e="± s.e."), alt.Tooltip("status:N")],
     )
     known = np.isfinite(value)
@@ -254,7 +254,7 @@ def _timeline(
     # What is not ok is faint, as in the other pictures.
     opacity = alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35))
     band = base.mark_rect(opacity=0.16, clip=True).encode(
-        y=alt.Y("low:Q", title=title, scale=ends_shown), y2="high:Q", color=colour
+        y=alt.Y("low:Q", title=title, scale=ends_shown), y2=alt.Y2("high:Q"), color=colour
     )
     lines = base.mark_rule(strokeWidth=4, clip=True).encode(y=y, color=colour, opacity=opacity)
     marked = base.mark_rule(strokeWidth=9, color=CHOSEN, clip=True).encode(y=y)
@@ -331,7 +331,7 @@ def residual(
     marked = points.mark_circle(size=24, color=CHOSEN, clip=True).transform_filter("datum.s == segment")
     # Below the median, which is what is to be read. A lone segment is no choice.
     layers += [marked] if len(keys) > 1 else []
-    ends: dict[str, Any] = {"y": alt.Y("low:Q"), "y2": "high:Q"}
+    ends: dict[str, Any] = {"y": alt.Y("low:Q"), "y2": alt.Y2("high:Q")}
     if along.labels:
         layers.append(bins.mark_bar(size=18, **spread).encode(**ends))
         layers.append(bins.mark_point(filled=True, size=45, **middle).encode(y=y))
@@ -339,10 +339,12 @@ def residual(
         layers.append(bins.mark_area(**spread).encode(**ends))
         dots = alt.OverlayMarkDef(color=MEDIAN, size=22)
         layers.append(bins.mark_line(point=dots, **middle).encode(y=y))
-    layers.append(sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y="y:Q"))
+    layers.append(sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y=alt.Y("y:Q")))
     if np.isfinite(noise):
         rules = sheet.chart(y=[-1.96 * noise, 1.96 * noise])
         layers.append(
-            rules.mark_rule(color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True).encode(y="y:Q")
+            rules.mark_rule(color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True).encode(
+                y=alt.Y("y:Q")
+            )
         )
     return sheet.finished(layers, height)

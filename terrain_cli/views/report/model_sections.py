@@ -90,8 +90,8 @@ def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
     x = alt.X("value:Q", title=title, scale=ends)
     told = tips(label="model", value=title, low="2.5 %", high="97.5 %", noise="noise")
     layers = [
-        base.mark_tick(thickness=1.5, size=18).encode(x="noise:Q", color=alt.value(INK)),
-        base.mark_rule(clip=True).encode(x=alt.X("low:Q", title=title), x2="high:Q"),
+        base.mark_tick(thickness=1.5, size=18).encode(x=alt.X("noise:Q"), color=alt.value(INK)),
+        base.mark_rule(clip=True).encode(x=alt.X("low:Q", title=title), x2=alt.X2("high:Q")),
         base.mark_point(filled=True, size=80, opacity=1.0).encode(x=x, tooltip=told),
     ]
     every = "; ".join(f"{one.label}: {quantities.number(v)}" for one, v in zip(models, value, strict=True))
@@ -141,8 +141,8 @@ def _misfit(bands: Sequence[Band], axis: str, label: str, own: str) -> Spec:
     told = tips(x=axis, median="median", low="5 %", high="95 %")
     reference = every.transform_filter(f"datum.k == '{own}'")
     layers = [
-        chosen.mark_area(color=MEDIAN, opacity=0.22, clip=True).encode(y=alt.Y("low:Q"), y2="high:Q"),
-        sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y="y:Q"),
+        chosen.mark_area(color=MEDIAN, opacity=0.22, clip=True).encode(y=alt.Y("low:Q"), y2=alt.Y2("high:Q")),
+        sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y=alt.Y("y:Q")),
         reference.mark_line(color=FAINT, strokeDash=[3, 3], clip=True).encode(y=y),
         chosen.mark_line(color=MEDIAN, point=alt.OverlayMarkDef(color=MEDIAN, size=22), clip=True).encode(
             y=y, tooltip=told
@@ -201,10 +201,12 @@ def _ladder(ladder: Sequence[Rung], name: str) -> Spec:
     y = alt.Y("value:Q", title=title, scale=scale(0.0, top(known) * what.factor))
     told = tips(step="change", when=" ", value="held-out error", low="2.5 %", high="97.5 %")
     base = sheet.chart(**columns).encode(x=x, xOffset=aside)
-    bars = base.mark_rule(color=COLOURS[0], clip=True).encode(y=alt.Y("low:Q", title=title), y2="high:Q")
+    bars = base.mark_rule(color=COLOURS[0], clip=True).encode(
+        y=alt.Y("low:Q", title=title), y2=alt.Y2("high:Q")
+    )
     points = base.mark_point(stroke=COLOURS[0], size=60, opacity=1.0).encode(y=y, tooltip=told, **kind)
     noise = sheet.chart(step=steps, noise=[one.noise * what.factor for _, one in known])
     level = noise.mark_tick(color=INK, thickness=1.5, strokeDash=[2, 2]).encode(
-        x=x, y="noise:Q", tooltip=tips(noise=f"noise{what.in_unit}")
+        x=x, y=alt.Y("noise:Q"), tooltip=tips(noise=f"noise{what.in_unit}")
     )
     return sheet.finished([level, bars, points], 220)
