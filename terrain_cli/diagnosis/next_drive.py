@@ -335,7 +335,7 @@ def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDr
     names, power = (pair.one.hypothesis.id, pair.other.hypothesis.id), pair.power
     best = float(power.max())
     if best < criteria.LEAST_POWER:
-        return NextDrive(names, _unsettled(pair.one.hypothesis, pair.other.hypothesis, best), best), 0.0
+        return _unsettled(pair, best), 0.0
     follows = manoeuvres.drivers({*_reads(pair.one), *_reads(pair.other)})
 
     def plainness(place: int) -> tuple[bool, bool, int]:
@@ -357,12 +357,14 @@ def _reads(side: Side) -> set[str]:
     return {name for effect in side.hypothesis.effects for name in effect.reads} - {"load", "slip", *UNITS}
 
 
-def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> str:
-    said = []
+def _unsettled(pair: _Pair, best: float) -> NextDrive:
+    one, other = pair.one.hypothesis, pair.other.hypothesis
+    said, sensors = [], []
     for effect in (*one.effects, *other.effects):
         checks = [_CHECKS[name] for name in effect.laws if name in _CHECKS and effect.kind == "sensor"]
-        said += checks or ([effect.settled_by] if effect.settled_by else [])
-    sensors = [text for text in said if text in _CHECKS.values()]
-    what = " or ".join(dict.fromkeys(sensors or said))
-    ending = f": {what}" if sensors else (f"; what may: {what}" if what else "")
-    return f"no drive tells them apart for sure (the best in {best:.0%} of all cases){ending}"
+        sensors += checks
+        said += [effect.settled_by] if effect.settled_by and not checks else []
+    check, what = (" or ".join(dict.fromkeys(each)) for each in (sensors, said))
+    ending = f": {check}" if check else (f"; what may: {what}" if what else "")
+    told = f"no drive tells them apart for sure (the best in {best:.0%} of all cases){ending}"
+    return NextDrive((one.id, other.id), told, best, check=check)

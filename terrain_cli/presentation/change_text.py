@@ -52,7 +52,7 @@ def verdict(step: Step) -> str:
         done = "added" if step.kept else "worth adding"
         return f"{what} {_is(step)} {done}: {found(step)}"
     kept = "added all the same, as --keep asks" if step.kept else "not added"
-    if step.better:
+    if step.better or (step.fell and step.evidence.overall.high < 1.0):
         return f"{what} {_is(step)} {kept}: {found(step)}"
     uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
     partly = " on the whole" if step.fell else uncertain
