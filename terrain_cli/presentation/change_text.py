@@ -179,7 +179,9 @@ def _change(step: Step) -> dict[str, Any]:
         "ratio": model_history.number(step.evidence.overall.value),
         "ratio_interval": model_history.ends(step.evidence.overall),
         "parameters": [
-            asdict(one) | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
+            asdict(one)
+            | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
+            | {"remark": one.remark or None}
             for one in step.parameters
         ],
         "absent_p_value": model_history.number(step.absent),
@@ -328,7 +330,7 @@ def _parameters(parameters: Sequence[Estimated]) -> list[str]:
             quantities.plus_minus(one.value, one.se),
             one.unit,
             f"{one.source} {one.wheel}" if sources else one.wheel,
-            "" if one.determined else "the data leave it open",
+            one.remark,
         )
         for one in parameters[:_MOST_ROWS]
     ]
