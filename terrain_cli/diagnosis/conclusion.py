@@ -174,7 +174,18 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         return _undecided(found, above, asked, few=few)
     if above or found.raised:
         return _unexplained(found, above, known, asked)
-    return Conclusion("fits", f"The model fits to the noise: {_at_most(known)}, and no effect stands out.")
+    told = f"The model fits to the noise: {_at_most(known)}, and no effect stands out.{_unseen(found)}"
+    return Conclusion("fits", told)
+
+
+def _unseen(found: Evidence) -> str:
+    """Say which errors the soil takes up whole where the forces are not all measured."""
+    if "torque" not in found.ratios or "drawbar pull" in found.ratios:
+        return ""
+    return (
+        " Without drawbar pull, friction in the drive and a zero or gain of the torque or the load look like "
+        "another soil: they would not show."
+    )
 
 
 def _first(drive: str, checks: tuple[str, ...]) -> str:

@@ -53,8 +53,8 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
         "torque": _torque(have, wheel),
         "sinkage": "entry angle"
         if "entry_angle" in have
-        else Lack("sinkage", f"{NOWHERE}, nor the entry angle", ("sinkage",)),
-        "slip": Lack("slip", f"{NOWHERE}, nor {' and '.join(missing)} to derive it from", missing)
+        else Lack("sinkage", f"{NOWHERE}, and there is no entry angle", ("sinkage",)),
+        "slip": Lack("slip", f"{NOWHERE}, and there is no {' or '.join(missing)} to derive it from", missing)
         if missing
         else "angular velocity and velocity",
     }
@@ -78,7 +78,7 @@ def _load(have: set[str], wheel: Wheel, rover: Rover) -> str | Lack:
 
 def _torque(have: set[str], wheel: Wheel) -> str | Lack:
     if "motor_current" not in have:
-        return Lack("torque", f"{NOWHERE}, nor the motor current", ("torque",))
+        return Lack("torque", f"{NOWHERE}, and there is no motor current", ("torque",))
     if wheel.motor is None:
         lines = ("[motor]", "torque_constant = …  # N m/A", "gear_ratio = …")
         return Lack("torque", "motor_current is there, but not the data of the motor", lines=lines)

@@ -175,7 +175,7 @@ def test_a_bias_of_one_wheel_is_found_with_its_name():
 def test_progress_is_told():
     said = []
     compare([all_of(some_of(samples_of(1, Kind()), np.arange(400)))], Model(), progress=said.append)
-    assert said[0] == "fitting wheel wheel"
+    assert said[0] == "fitting the wheel"
     assert all(a != b for a, b in pairwise(said))
 
 

@@ -297,6 +297,14 @@ def test_the_next_command_changes_the_file_that_is_there():
     assert conclude(evidence(OFF), FILE).command == "terrain-est diagnose run.csv --model rig.toml"
 
 
+def test_without_drawbar_pull_it_says_what_would_not_show():
+    """A torque that is off by a constant is cohesion then, a load by a factor friction."""
+    assert conclude(evidence(FINE), ASKED).sentence.endswith("look like another soil: they would not show.")
+    assert (
+        "drawbar" not in conclude(evidence({**FINE, "drawbar pull": 0.99}), ASKED).sentence.split("stands")[1]
+    )
+
+
 def test_a_base_that_is_not_the_usual_one_is_named():
     asked = Asked(inputs=("run.csv",), model="linear")
     told = conclude(evidence(OFF, raised=True, verdict="effect", family=("slope",)), asked)
