@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
-from terrain_cli.estimation import WindowEstimates, estimators
+from terrain_cli.estimation import WindowEstimates, estimators, strength
 from terrain_cli.presentation import segment_table
 from terrain_cli.run import long_log
 from terrain_cli.telemetry.mapping import is_table
@@ -78,6 +78,8 @@ def run(
         progress(f"{the_wheel(samples.wheel)}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
         used = len(samples.usable)
+        if settings.stress is not None:
+            samples.remarks += strength.beyond(samples, settings.stress)
         told = long_log.account(samples, len(samples), used, samples.reasons(), samples.remarks)
         outcome.account["wheels"].append(told | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(segment_table.rejects(samples))
