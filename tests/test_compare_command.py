@@ -205,6 +205,15 @@ def test_keys_are_documented(folder, compare):
     assert not {key for key in keys - {"channels", "failures"} if f"`{key}`" not in text}
 
 
+def test_what_is_said_of_an_input_is_said_once(folder, terrain_est_here, tmp_path):
+    points = pd.read_csv(folder / "clean.csv", nrows=30).drop(columns="time")
+    points.to_csv(tmp_path / "points.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    done = terrain_est_here("compare", tmp_path / "points.csv")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count("each row is taken for a steady test point") == 1
+
+
 def test_where_each_channel_comes_from(folder, terrain_est_here):
     loud = terrain_est_here("compare", folder / "clean.csv", "--verbose", "--json")
     plain = terrain_est_here("compare", folder / "clean.csv", "--json")

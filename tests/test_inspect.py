@@ -137,7 +137,7 @@ def test_without_rover_toml_it_says_what_to_write(run, tmp_path, monkeypatch):
     lines = squeezed(out)
     start = lines.index("missing for an estimate:")
     assert lines[start + 1 : start + 4] == [
-        "torque nothing measures it, nor the motor current",
+        "torque nothing measures it, and there is no motor current",
         "geometry the radius and width of the wheel",
         "shear modulus the shear modulus of the soil",
     ]
@@ -161,10 +161,10 @@ def test_what_is_missing_of_one_wheel_only(tmp_path):
     document = inspect(str(path), rovers.load(tmp_path / "rover.toml"))
     assert [wheel["missing"] for wheel in document["wheels"]] == [
         [],
-        [{"what": "torque", "because": "nothing measures it, nor the motor current"}],
+        [{"what": "torque", "because": "nothing measures it, and there is no motor current"}],
     ]
     assert document["rover_toml"].startswith('[wheels.r.channels]\ntorque = { column = "…", unit = "N m" }')
-    assert "torque  nothing measures it, nor the motor current (wheel r)" in text(document)
+    assert "torque  nothing measures it, and there is no motor current (wheel r)" in text(document)
 
 
 def test_sources_none_of_which_can_be_preferred(tmp_path, rover_file):
@@ -227,7 +227,10 @@ def test_a_table_that_means_nothing_is_still_described(run, tmp_path):
     assert code == 0
     assert "run.csv: text table, 3 rows" in out
     assert "columns: when, what (text)" in out
-    assert "slip           nothing measures it, nor angular_velocity and velocity to derive it from" in out
+    assert (
+        "slip           nothing measures it, and there is no angular_velocity or velocity to derive it from"
+        in out
+    )
 
 
 def test_rows_passed_over_are_counted(run, tmp_path):
@@ -247,7 +250,7 @@ JOINT = 'topic = "/fake_joints_state", field = "effort", name = "joint_5"'
     [
         ("cmu-smooth-wheel.csv", "text table, 189 rows"),
         ("cmu-smooth-wheel.csv", "wheel smooth: 189 samples"),
-        ("cmu-smooth-wheel.csv", "torque nothing measures it, nor the motor current"),
+        ("cmu-smooth-wheel.csv", "torque nothing measures it, and there is no motor current"),
         ("digitised-smooth-wheels.csv", "torque 0 … 5.3 N m meas_torque_nm in N m"),
         ("digitised-smooth-wheels.csv", "geometry the radius and width of the wheel"),
         ("borealtc-mixed-pro_00.csv", "terrain FLOORING, ASPHALT, SNOW 4436 terrain"),
@@ -256,7 +259,7 @@ JOINT = 'topic = "/fake_joints_state", field = "effort", name = "joint_5"'
         ("bags/robot_localization_test1.bag", "rad/s /imu/data angular_velocity.z in rad/s"),
         (
             "bags/robot_localization_test1.bag",
-            "slip nothing measures it, nor angular_velocity to derive it from",
+            "slip nothing measures it, and there is no angular_velocity to derive it from",
         ),
         (
             "bags/plotjuggler_fake_joint_state.bag",

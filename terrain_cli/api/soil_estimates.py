@@ -14,6 +14,7 @@ from terrain_cli.estimation import estimators
 from terrain_cli.presentation import segment_table
 from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -187,8 +188,8 @@ def _lined(windows: Windows) -> Windows:
     missing = [name for name in NEEDED if name not in samples.channels]
     if missing:
         raise InputError(
-            f"{samples.source}: wheel {samples.wheel}: c and φ need {' and '.join(missing)}, which the log "
-            "does not give",
+            f"{samples.source}: {the_wheel(samples.wheel)}: c and φ need {' and '.join(missing)}, which the "
+            "log does not give",
             hint="terrain-est inspect shows what each channel is read from; compare and diagnose do without",
         )
     return windows

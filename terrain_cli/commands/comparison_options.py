@@ -82,8 +82,13 @@ def read(
     model: Sequence[ModelFile],
     progress: Progress,
     inputs: Sequence[str] | None = None,
+    *,
+    noted: bool = True,
 ) -> list[Windows]:
-    """Read every input with all that the models need, cut it, and mark what --keep-aside hides."""
+    """Read every input with all that the models need, cut it, and mark what --keep-aside hides.
+
+    What every command says of an input is told on stderr, unless it is `noted` in what is written.
+    """
     import formats
     from terrain_cli import processes
     from terrain_cli.comparison import kept_aside
@@ -102,7 +107,7 @@ def read(
     cut: list[Windows] = []
     for path in paths:
         progress.say(path, "reading")
-        cut += _cut(path, rover, list(effects.values()), most, context.params, progress)
+        cut += _cut(path, rover, list(effects.values()), most, context.params, progress, noted=noted)
         progress.advance()
     if not cut:
         raise InputError(
@@ -114,7 +119,14 @@ def read(
 
 
 def _cut(
-    path: str, rover: Rover, effects: Sequence[Any], most: int, given: Mapping[str, Any], progress: Progress
+    path: str,
+    rover: Rover,
+    effects: Sequence[Any],
+    most: int,
+    given: Mapping[str, Any],
+    progress: Progress,
+    *,
+    noted: bool,
 ) -> list[Windows]:
     import formats
     from terrain_cli import telemetry
@@ -128,7 +140,8 @@ def _cut(
     )
     for sentence in source.recovery.sentences() if source.recovery else ():
         progress.tell(f"{path}: {sentence}")
-    for remark in dict.fromkeys(r for samples in wheels for r in samples.remarks if isinstance(r, Notice)):
+    notices = (r for samples in wheels for r in samples.remarks if isinstance(r, Notice) and not noted)
+    for remark in dict.fromkeys(notices):
         progress.tell(f"{path}: {remark}")
     for samples in wheels:
         used = f"{len(samples.usable)} of {len(samples)} samples used"

@@ -284,7 +284,7 @@ def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | S
         bar.say(given["file"], step)
 
     with Progress(len(given["inputs"]), enabled=not given["quiet"]) as reading:
-        cut = comparison_options.read(context, [file], reading)
+        cut = comparison_options.read(context, [file], reading, noted=False)
     loop = until_quiet(
         cut,
         file,

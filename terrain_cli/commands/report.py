@@ -58,7 +58,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     given = context.params
     file = models.resolve(given["model"])
     with Progress(len(given["inputs"]) + 2, enabled=not given["quiet"]) as progress:
-        cut = comparison_options.read(context, [file], progress)
+        cut = comparison_options.read(context, [file], progress, noted=False)
         tell = partial(progress.say, str(file.path or file.model.base))
         soils = comparison_options.asked(given, cut, file)
         comparison = compared(cut, file, soils=soils, seed=given["seed"], progress=tell)

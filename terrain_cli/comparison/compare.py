@@ -22,7 +22,7 @@ from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.models import ModelFile
-from terrain_cli.vocabulary.quantities import counted
+from terrain_cli.vocabulary.quantities import counted, the_wheel
 from terrain_cli.windows.cut_windows import thinned
 
 if TYPE_CHECKING:
@@ -107,7 +107,9 @@ def fit_wheels(
             f"{used} of {total} samples are compared, in unbroken pieces spread over every segment"
         )
     fit = partial(FittedWheel, model=model, settings=settings, further=further)
-    return processes.each(fit, wheels, lambda one: progress(f"fitting wheel {one.samples.wheel}")), warnings
+    return processes.each(
+        fit, wheels, lambda one: progress(f"fitting {the_wheel(one.samples.wheel)}")
+    ), warnings
 
 
 def of_fitted(
@@ -208,7 +210,7 @@ def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
             missing = known & ~np.isfinite(wheel.predicted[name])
             if missing.sum() > criteria.UNPREDICTED * known.sum():
                 yield (
-                    f"{wheel.windows.samples.source}: wheel {wheel.windows.samples.wheel}: "
+                    f"{wheel.windows.samples.source}: {the_wheel(wheel.windows.samples.wheel)}: "
                     f"{name.replace('_', ' ')} cannot be predicted in {missing.sum()} of "
                     f"{known.sum()} samples: the soil fitted does not carry the load, or a channel is missing"
                 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 _LEFT_OUT = frozenset({"time", "torque", "drawbar_pull", "entry_angle", "motor_current"})
 #: The place, where x and y do not say it.
 _PLACE = frozenset({"longitude", "latitude"})
+#: Columns that say how far another one scatters, and drive nothing.
+_SCATTER = re.compile(r"(^|[_ ])(std|stdev|stddev|sd|sigma|variance)($|[_ ])", re.IGNORECASE)
 #: Angle through which the wheel has turned: what grousers and an eccentric hub follow.
 ANGLE = "wheel_angle"
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
@@ -44,7 +47,8 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
         # Rates of channels and slopes of the rut are there only where an effect asked for them.
         asked = name == RUT or (name not in CHANNELS and name.removesuffix("_rate") in CHANNELS)
         twice = name in _PLACE and "x" in samples.channels
-        if name in _LEFT_OUT or name == ANGLE or asked or twice:
+        scatter = name not in CHANNELS and _SCATTER.search(name)
+        if name in _LEFT_OUT or name == ANGLE or asked or twice or scatter:
             continue
         channel = CHANNELS.get(name)
         if channel is not None and channel.dimension == LABEL:

@@ -165,7 +165,8 @@ class Residuals:
         count = 1 + max(int(one.block.max(initial=-1)) for one in self.evidence)
         return Search(
             self.evidence,
-            dict.fromkeys(self.scale, self.shapes),
+            # A channel that follows itself says nothing.
+            {name: [one for one in self.shapes if one.driver != name] for name in self.scale},
             self.scale,
             precision=np.concatenate([_precision(wheel) for wheel in self.wheels]),
             blocks=count,
@@ -207,10 +208,10 @@ class Residuals:
         if shape.name not in ("constant", "periodic", "label"):
             numbers = ({n: v for n, v in e.drivers.items() if n not in self.labels} for e in self.evidence)
             functions = functions_under_all(shape.driver, numbers)
-            alternatives = tuple(dict.fromkeys([*alternatives, *functions]))
+            alternatives = tuple(dict.fromkeys([*alternatives, *(n for n in functions if n != channel)]))
         label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
         missing = list(self._missing(one))
-        seen = self._seen(one, [part for _, part in missing])
+        seen = self._seen(one, missing)
         at = shape.at if shape.name in ("step", "saturating", "periodic") else None
         unit = next((w.drivers[shape.driver].unit for w in self.wheels if shape.driver in w.drivers), "")
         return Finding(
@@ -242,18 +243,18 @@ class Residuals:
                 part = part + one.other * np.nan_to_num(shape.partnered()(values))
             yield index, np.where(np.isfinite(evidence.residuals[channel]), part, np.nan)
 
-    def _seen(self, one: Found, parts: Sequence[Array]) -> float:
-        """Return the part of a finding that shows in the residuals of its channel.
+    def _seen(self, one: Found, missing: Sequence[tuple[int, Array]]) -> float:
+        """Return the part of a finding that shows in the residuals of its channel; 0 where none does.
 
-        Of a term b the fit leaves its part across all that the soil can do, s b in size over all channels:
-        along b that is s² b.
+        The soil that is fitted takes up the rest, and moves it to other channels.
         """
-        missing = np.concatenate([part[np.isfinite(part)] for part in parts])
+        left = np.concatenate([self.evidence[index].residuals[one.term.channel] for index, _ in missing])
+        part = np.concatenate([part for _, part in missing])
+        left, part = left[np.isfinite(part)], part[np.isfinite(part)]
         # Of what follows a driver differences are told, whatever takes up the offset.
-        away = missing if one.term.shape.name == "constant" else missing - missing.mean()
+        away = part if one.term.shape.name == "constant" else part - part.mean()
         whole = float(away @ away)
-        shown = one.explained * self.scale[one.term.channel] ** 2
-        return float(min(shown / whole, 1.0)) if whole > 0.0 else 1.0
+        return float(np.clip(left @ away / whole, 0.0, 1.0)) if whole > 0.0 else 1.0
 
     def _worst(self, missing: Sequence[tuple[int, Array]]) -> tuple[tuple[str, str, int], ...]:
         """Rank segments by the mean square of what the finding says is missing there."""
@@ -289,32 +290,31 @@ def sentence_of(
     """
     name, shown, factor = _CHANNELS[channel]
     hidden = seen < criteria.HIDDEN
-    size, whole = (
-        f"{_number(abs(amplitude) * part * factor)} {shown}" for part in (seen if hidden else 1.0, 1.0)
-    )
-    verb = "under-predicted" if amplitude > 0.0 else "over-predicted"
+    size = f"{_number(abs(amplitude) * factor)} {shown}"
+    verb, more = ("under-predicted", "larger") if amplitude > 0.0 else ("over-predicted", "smaller")
+    text = f"a {name} {size} {more} than predicted" if hidden else f"{name} is {verb} by {size}"
     driver = named(shape.driver)
+    low, high, at = (_at(value, shape.driver, unit) for value in (shape.low, shape.high, shape.at or 0.0))
     if shape.name == "constant":
-        text = f"{name} is {verb} by {size} throughout"
+        text += " throughout"
     elif shape.name == "periodic":
+        swings = f"a {name} that swings by ± {size}" if hidden else f"{name} swings by ± {size}"
         times = 2.0 * math.pi / (shape.at or 1.0)
-        text = f"{name} swings by ± {size} about its prediction, {times:.0f} times in a turn of the wheel"
+        text = f"{swings} about its prediction, {times:.0f} times in a turn of the wheel"
     elif shape.name == "label":
-        text = f"{name} is {verb} by {size} where {driver} is {label}, against the others"
+        text += f" where {driver} is {label}, against the others"
     elif shape.name == "step":
-        text = f"{name} is {verb} by {size} above {driver} {_at(shape.at or 0.0, shape.driver, unit)}"
+        text += f" above {driver} {at}"
+    elif shape.name == "quadratic":
+        text += f" at both ends of {driver}, {low} and {high}, against the middle"
+    elif hidden:
+        text += f" at {driver} {high}, against {low}"
     else:
-        low, high = (_at(value, shape.driver, unit) for value in (shape.low, shape.high))
-        if shape.name == "quadratic":
-            text = (
-                f"{name} is {verb} by {size} at both ends of {driver}, {low} and {high}, against the middle"
-            )
-        else:
-            text = f"{name} is more and more {verb} as {driver} rises: by {size} from {low} to {high}"
-        if shape.name == "saturating":
-            text += f", most of it in the first {_at(shape.at or 0.0, shape.driver, unit)}"
+        text = f"{name} is more and more {verb} as {driver} rises: by {size} from {low} to {high}"
+    if shape.name == "saturating":
+        text += f", most of it in the first {at}{',' * hidden}"
     if hidden:
-        text += f"; the fit hides the rest of {whole}"
+        text += " would fit better; the fitted soil hides most of it"
     if alternatives:
         text += f" (or with {listed([named(other) for other in alternatives], 'or')}, which varied alike)"
     return text

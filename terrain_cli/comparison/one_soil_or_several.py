@@ -8,6 +8,7 @@ import numpy as np
 
 from terrain_cli.comparison import blocks, held_out, smoothed_model
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -30,7 +31,7 @@ def as_few_as_predict(
     """
     result, told = [], []
     for wheel in wheels:
-        progress(f"one soil or several under wheel {wheel.windows.samples.wheel}")
+        progress(f"one soil or several under {the_wheel(wheel.windows.samples.wheel)}")
         one = wheel.one_soil
         # Samples in another order would be in other blocks than those of the model compared with.
         if one is None or np.any(np.diff(one[1]) != 1):
@@ -44,7 +45,7 @@ def as_few_as_predict(
             result.append(fewer)
             samples = wheel.windows.samples
             told.append(
-                f"{samples.source}: wheel {samples.wheel}: one soil predicts as well as those of "
+                f"{samples.source}: {the_wheel(samples.wheel)}: one soil predicts as well as those of "
                 f"{len(wheel.windows)} segments, which are taken as {len(fewer.windows)}"
             )
         else:

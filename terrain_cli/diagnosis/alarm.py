@@ -56,7 +56,11 @@ def of_gain_in_most(gain: Array) -> float:
     blocks, weighed alike beyond the median.
     """
     usual = float(np.median(np.abs(gain)))
-    return min(of_gain(gain), of_gain(gain / (usual + np.abs(gain)))) if usual > 0.0 else of_gain(gain)
+    if usual <= 0.0:
+        return of_gain(gain)
+    # However alike the gains of a few blocks are: so often chance has all of them gain.
+    least = 0.5 ** len(gain) if len(gain) < _FEW else 0.0
+    return max(min(of_gain(gain), of_gain(gain / (usual + np.abs(gain)))), least)
 
 
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:

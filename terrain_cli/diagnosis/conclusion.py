@@ -11,6 +11,8 @@ import numpy as np
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.effects import NAMES
+from terrain_cli.models import ASSUMPTIONS
 from terrain_cli.vocabulary.choices import BASES
 from terrain_cli.vocabulary.quantities import counted, listed
 
@@ -32,10 +34,12 @@ class Evidence:
     # Channel → held-out error over its noise; NaN where the noise is not known
     ratios: Mapping[str, float]
     blocks: int  # Independent stretches of data
-    raised: bool  # What is left follows what was recorded, beyond chance
+    raised: bool  # What is left is not random: by findings, by the scores of effects, or by a diagnosis
+    tracked: bool = False  # By findings: it follows what was recorded
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
     share: float = math.nan  # Of the misfit, that the best of them explains
+    leaves: bool = False  # What the best of them leaves is more than noise
     closest: str = (
         ""  # Where the alarm is silent: an effect that explains most of the misfit, by chance or not
     )
@@ -46,6 +50,7 @@ class Evidence:
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
     drive: str = ""  # What would tell the best of the family from another, as a command to a person
+    checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
     points: bool = False  # The data are steady test points, not drives
 
 
@@ -73,11 +78,12 @@ class Conclusion:
 def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evidence:
     """Collect what a comparison tells: its errors, its findings, and the scores of effects."""
     scores = comparison.scores() if comparison.scores else None
+    tracked = any(_large(comparison, one) for one in comparison.failures)
     return Evidence(
         ratios=_ratios(comparison),
         blocks=comparison.blocks,
-        raised=any(_large(comparison, one) for one in comparison.failures)
-        or (scores is not None and scores.raised),
+        raised=tracked or (scores is not None and scores.raised),
+        tracked=tracked,
         refused=refused,
         unrecorded=scores.unrecorded if scores else (),
         points=_points(comparison),
@@ -100,13 +106,18 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     law = found.unknown if found.verdict == "unknown" else None
     most = max(found.candidates, key=lambda one: np.nan_to_num(one.explained), default=None)
     likely = most is not None and most.explained > criteria.STEPS_SHARE and not most.doubt
+    # What is doubted explains nothing, unless all that is left is doubted.
+    doubted = {one.effect for one in found.candidates if one.doubt}
+    family = tuple(name for name in found.family if name not in doubted) or found.family
+    first = next((one for one in found.candidates if one.effect in family[:1]), None)
     return Evidence(
         ratios=_ratios(found.comparison),
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         verdict=found.verdict,
-        family=found.family,
-        share=next((one.explained for one in found.candidates if one.effect in found.family[:1]), math.nan),
+        family=family,
+        share=first.explained if first else math.nan,
+        leaves=first is not None and bool(_above(_ratios(found.comparison, first.heldout))),
         closest=most.effect if most is not None and likely else "",
         together=found.together,
         law=_law(law) if law else "",
@@ -115,6 +126,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         unrecorded=found.unrecorded,
         small=found.alarm.size if found.alarm.small else "",
         drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
+        checks=tuple(dict.fromkeys(one.check for one in found.next_drive if one.check)),
         points=_points(found.comparison),
     )
 
@@ -124,27 +136,36 @@ def _law(law: UnknownEffect) -> str:
     return f"{law.channel} {does}".replace("_", " ") if law.driver else ""
 
 
-def _ratios(comparison: Comparison) -> dict[str, float]:
+def _ratios(comparison: Comparison, errors: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return held-out errors over the noise; `errors` are those of another model, by channel."""
     return {
-        name.replace("_", " "): one.heldout_rmse / one.noise if one.noise > 0.0 else math.nan
+        name.replace("_", " "): (errors or {}).get(name, one.heldout_rmse) / one.noise
+        if one.noise > 0.0
+        else math.nan
         for name, one in comparison.channels.items()
     }
+
+
+def _above(ratios: Mapping[str, float]) -> dict[str, float]:
+    return {name: ratio for name, ratio in ratios.items() if ratio > comparison_criteria.ABOVE_NOISE}
 
 
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
     """Return the conclusion of some evidence; the same for the same, whichever verb collected it."""
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
-    above = {name: ratio for name, ratio in known.items() if ratio > comparison_criteria.ABOVE_NOISE}
+    above = _above(known)
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     if found.raised and not few and not _refused(found):
-        size = _size(above) if above else _not_random(known)
         cause, command = _next(found, asked)
-        drive = found.drive if found.verdict == "family" and not found.together else ""
-        first = (
-            f" First take this drive, and diagnose both logs together: {drive}."
-            " Without it, only the held-out error can choose."
-        )
-        told = f"The model misses something: {size}, and {cause}.{first * bool(drive)} Next: {command}"
+        if found.verdict is None and known and not above:
+            # A first check alone is no proof where the errors are those of noise.
+            told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
+            return Conclusion("explained", told, command)
+        size = _size(above) if above else _not_random(known)
+        alike = found.verdict == "family" and not found.together
+        drive = found.drive if alike else ""
+        first = _first(drive, found.checks if alike else ())
+        told = f"The model misses something: {size}, and {cause}.{first} Next: {command}"
         return Conclusion("explained", told, command, drive=drive)
     if found.small and not few:
         told = f"The model fits well enough: {found.small}, less than --smallest-share asks for."
@@ -153,7 +174,31 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         return _undecided(found, above, asked, few=few)
     if above or found.raised:
         return _unexplained(found, above, known, asked)
-    return Conclusion("fits", f"The model fits to the noise: {_at_most(known)}, and no effect stands out.")
+    told = f"The model fits to the noise: {_at_most(known)}, and no effect stands out.{_unseen(found)}"
+    return Conclusion("fits", told)
+
+
+def _unseen(found: Evidence) -> str:
+    """Say which errors the soil takes up whole where the forces are not all measured."""
+    if "torque" not in found.ratios or "drawbar pull" in found.ratios:
+        return ""
+    return (
+        " Without drawbar pull, friction in the drive and a zero or gain of the torque or the load look like "
+        "another soil: they would not show."
+    )
+
+
+def _first(drive: str, checks: tuple[str, ...]) -> str:
+    """Say what to do before an effect is added that others look like."""
+    if not drive and not checks:
+        return ""
+    check = listed(list(checks), "or") if checks else ""
+    if not drive:
+        told = f" No drive tells all of them apart: first {check}."
+    else:
+        told = f" First take this drive, and diagnose both logs together: {drive}."
+        told += f" Also {check}: the drive does not tell all of them apart." * bool(checks)
+    return f"{told} Without it, only the held-out error can choose."
 
 
 def _refused(found: Evidence) -> bool:
@@ -169,14 +214,21 @@ def _unexplained(
     size = _size(above) if above else _not_random(known)
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
     command = ""
+    if found.verdict is not None and _refused(found) and known and not above:
+        told = (
+            f"The model fits as well as these data can tell: {_at_most(known)}. What is left may not be "
+            f"random, but {_did_not_pay(found)}."
+        )
+        return Conclusion("unexplained", told, record=found.unrecorded)
     if found.verdict is None and found.refused:
-        # A diagnosis would propose the same again.
-        why, command = _lowered(found), _add(["--until-quiet"], asked)
+        why = _did_not_pay(found)
+        # A diagnosis would propose the same again; where it drafted a law, no effect explains it.
+        command = _add(["--until-quiet"], asked) if {*found.refused} & {*NAMES, *ASSUMPTIONS} else ""
     elif found.verdict is None:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
         why, command = "a first check of the effects finds no cause", looked("diagnose", asked)
     elif _refused(found):
-        why = _lowered(found)
+        why = _did_not_pay(found)
     elif found.closest and found.closest not in found.refused:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = _add((found.closest,), asked)
@@ -197,7 +249,8 @@ def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few
     of = listed(list(found.ratios)) if found.ratios else "the sensors"
     told = f"No effect stands out, but the noise of {of} is not known. Repeat some test points to learn it."
     # A diagnosis of test points also looks at their order.
-    command = looked("diagnose", asked) if found.verdict is None and found.points else ""
+    first = found.verdict is None and not found.refused
+    command = looked("diagnose", asked) if first and found.points else ""
     return Conclusion("undecided", f"{told} Next: {command}" if command else told, command)
 
 
@@ -242,20 +295,23 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         )
     if found.together:
         return f"{listed(found.together)} together explain it best", _add(found.together, asked)
-    part = f"{found.share:.0%} of it" if found.share < 1.0 - criteria.DRAFT_LEFT else "it"
+    part = "most of it" if found.leaves else "it"
+    part = f"{found.share:.0%} of it" if found.share < 1.0 - criteria.DRAFT_LEFT else part
     if found.verdict == "effect":
         return f"{found.family[0]} explains {part}", _add(found.family[:1], asked)
     if len(found.family) > 1:
-        cause = f"one of {listed(found.family)} explains it; these data cannot tell which"
+        cause = f"one of {listed(found.family)} explains {part}; these data cannot tell which"
         return cause, _add(["--until-quiet"], asked)
     if found.family:
         cause = f"{found.family[0]} explains {part} best, but this is not certain"
         return cause, _add(found.family, asked)
-    return "it follows what was recorded", looked("diagnose", asked)
+    checked = "a first check of the effects finds a possible cause"
+    return "it follows what was recorded" if found.tracked else checked, looked("diagnose", asked)
 
 
-def _lowered(found: Evidence) -> str:
-    return f"{listed(found.refused)} lowered it no more than chance may"
+def _did_not_pay(found: Evidence) -> str:
+    one = len(found.refused) == 1
+    return f"{listed(found.refused)} {'was' if one else 'were'} tried and {'does' if one else 'do'} not pay"
 
 
 def looked(verb: str, asked: Asked, *further: str) -> str:

@@ -139,6 +139,7 @@ class NextDrive:
     power: float  # Probability that it settles which of the two it is, driven for as long as said
     # The same for the program: what `terrain-est simulate` takes, as far as it can be said so
     settings: dict[str, Any] = field(default_factory=dict)
+    check: str = ""  # Of a sensor, where no drive tells; a command to a person
 
 
 class NotTestable(NamedTuple):

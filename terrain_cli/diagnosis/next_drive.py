@@ -289,14 +289,16 @@ def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[Ne
     at = manoeuvres.Conditions.of(part)
     channels = set(part.inputs) | set(part.measured)
     known = [one for one in manoeuvres.library(at, SECONDS) if one.possible(channels)]
-    table = np.array([margins(ground, sides, one.drive(at)) for one in known])
+    courses = [one.drive(at) for one in known]
+    table = np.array([margins(ground, sides, course) for course in courses])
+    again = np.array([driven(one, course, part) for one, course in zip(known, courses, strict=True)])
     # Of a pair either may be the truth.
     every = [
         _Pair(sides[a], sides[b], np.concatenate([table[:, a, b], table[:, b, a]], axis=1))
         for a, b in combinations(range(len(sides)), 2)
     ]
     whole = np.mean([np.minimum(pair.worst, criteria.SURE_OF_BENT_LAWS) for pair in every], axis=0)
-    found = [_best(pair, known, whole) for pair in every if pair.one is sides[0]]
+    found = [_best(pair, known, again, whole) for pair in every if pair.one is sides[0]]
     # What is driven first had better settle more than its own pair.
     return [drive for drive, _ in sorted(found, key=lambda one: -one[1])]
 
@@ -332,12 +334,31 @@ class _Pair:
         return np.asarray(np.minimum(np.concatenate(settled, axis=1).mean(axis=1), criteria.MOST_POWER))
 
 
-def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDrive, float]:
-    """Choose the drive for a pair, and return how much it settles of the whole family."""
+def driven(one: Manoeuvre, course: Mapping[str, Array], part: SmoothedData) -> bool:
+    """Tell whether all that a drive varies was varied as far in the log at hand."""
+    for name in one.varies:
+        channel = "velocity" if name == "speed" else name
+        there = part.inputs.get(channel, np.zeros(0))
+        if channel not in course or not np.isfinite(there).any():
+            return False
+        # Most of it: ends that were just missed are no other drive.
+        low, high = np.quantile(course[channel], (0.1, 0.9))
+        if low < np.nanmin(there) or high > np.nanmax(there):
+            return False
+    return bool(one.varies)
+
+
+def _best(
+    pair: _Pair, known: Sequence[Manoeuvre], again: NDArray[np.bool_], whole: Array
+) -> tuple[NextDrive, float]:
+    """Choose the drive for a pair, and return how much it settles of the whole family.
+
+    Of those of the same power, those like the log at hand (`again`) come last.
+    """
     names, power = (pair.one.hypothesis.id, pair.other.hypothesis.id), pair.power
     best = float(power.max())
     if best < criteria.LEAST_POWER:
-        return NextDrive(names, _unsettled(pair.one.hypothesis, pair.other.hypothesis, best), best), 0.0
+        return _unsettled(pair.one.hypothesis, pair.other.hypothesis, best), 0.0
     follows = manoeuvres.drivers({*_reads(pair.one), *_reads(pair.other)})
 
     def plainness(place: int) -> tuple[bool, bool, int]:
@@ -346,6 +367,7 @@ def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDr
         return not own - {"speed"}, not own, place
 
     able = np.flatnonzero(power >= max(best - criteria.SAME_POWER, criteria.LEAST_POWER))
+    able = able[~again[able]] if not again[able].all() else able
     sure = min(float(pair.worst[able].max()), criteria.SURE_OF_BENT_LAWS)
     level = able[pair.worst[able] >= sure - criteria.SAME_MARGIN]
     most = float(whole[level].max())
@@ -359,12 +381,13 @@ def _reads(side: Side) -> set[str]:
     return {name for effect in side.hypothesis.effects for name in effect.reads} - {"load", "slip", *UNITS}
 
 
-def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> str:
-    said = []
+def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> NextDrive:
+    said, sensors = [], []
     for effect in (*one.effects, *other.effects):
         checks = [_CHECKS[name] for name in effect.laws if name in _CHECKS and effect.kind == "sensor"]
-        said += checks or ([effect.settled_by] if effect.settled_by else [])
-    sensors = [text for text in said if text in _CHECKS.values()]
-    what = " or ".join(dict.fromkeys(sensors or said))
-    ending = f": {what}" if sensors else (f"; what may: {what}" if what else "")
-    return f"no drive tells them apart for sure (the best in {best:.0%} of all cases){ending}"
+        sensors += checks
+        said += [effect.settled_by] if effect.settled_by and not checks else []
+    check, what = (" or ".join(dict.fromkeys(each)) for each in (sensors, said))
+    ending = f": {check}" if check else (f"; what may: {what}" if what else "")
+    told = f"no drive tells them apart for sure (the best in {best:.0%} of all cases){ending}"
+    return NextDrive((one.id, other.id), told, best, check=check)

@@ -19,7 +19,7 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
-from terrain_cli.vocabulary.quantities import counted
+from terrain_cli.vocabulary.quantities import counted, the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -227,4 +227,4 @@ def _where(wheel: FittedWheel, sample: int) -> str:
     when = f"{samples.time[row] - samples.time[0]:.4g} s" if samples.time is not None else f"row {row + 1}"
     distance = samples.distance
     driven = f" ({distance[row]:.3g} m)" if distance is not None and np.isfinite(distance[row]) else ""
-    return f"{samples.source}: wheel {samples.wheel}: the soil changes at {when}{driven}"
+    return f"{samples.source}: {the_wheel(samples.wheel)}: the soil changes at {when}{driven}"

@@ -125,6 +125,8 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
             else "another effect may be missing too, or this drive does not rule out all others"
         )
         return f"Probably {_told(first)}, but {doubt}.{better}"
+    doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
+    others = [f"{name} ({doubts[name]})" if name in doubts else name for name in others]
     return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
 
 

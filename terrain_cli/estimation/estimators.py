@@ -18,6 +18,7 @@ from terrain_cli.estimation.further_unknowns import suspects, with_contact, with
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.rover import NOISY
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -316,7 +317,7 @@ def _fit(
         # What is not known of the sensors is learnt first, with all of them unknown.
         return run(_noise(given, fit.noise), joint) if given else fit
     except InputError as error:
-        raise InputError(f"{samples.source}: wheel {samples.wheel}: {error}", hint=error.hint) from None
+        raise InputError(f"{samples.source}: {the_wheel(samples.wheel)}: {error}", hint=error.hint) from None
 
 
 def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:

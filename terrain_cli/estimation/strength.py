@@ -7,8 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.vocabulary.quantities import the_wheel
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.telemetry import Samples
     from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.windows.cut_windows import Windows
 
@@ -60,6 +65,23 @@ def with_strengths(
         strength_at_stress=mapped,
         strength_at_stress_se=mapped_se,
     )
+
+
+def beyond(samples: Samples, at_stress: float) -> Iterator[str]:
+    """Say that strengths at a stress, Pa, are extrapolated, if the wheel was never near it."""
+    unknown = np.full(len(samples), np.nan)
+    load, sinkage = (samples.channels.get(name, unknown)[samples.usable] for name in ("load", "sinkage"))
+    stress = mean_stress(load, sinkage, samples.geometry.radius, samples.geometry.width)
+    known = stress[np.isfinite(stress)]
+    if not len(known):
+        return
+    low, high = known.min(), known.max()
+    # A round stress, as one gets without asking, is near enough.
+    if not min(low, typical(known)) <= at_stress <= max(high, typical(known[known == high])):
+        yield (
+            f"strengths at {at_stress / 1e3:.4g} kPa are extrapolated: {the_wheel(samples.wheel)} put "
+            f"{low / 1e3:.3g} to {high / 1e3:.3g} kPa on the soil, on average over the contact"
+        )
 
 
 def strength_at(stress: Array, estimates: WindowEstimates) -> tuple[Array, Array]:

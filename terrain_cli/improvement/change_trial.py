@@ -27,12 +27,17 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from terrain_cli.comparison.comparison_outcome import WheelComparison
+    from terrain_cli.mechanics.effect import Parameter
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
     from terrain_cli.windows.cut_windows import Windows
 
     #: Source, wheel and number of a segment.
     Place = tuple[str, str, int]
+
+
+#: Typical sizes up to which a parameter is expected before any data: the width of its prior.
+_EXPECTED = 5.0
 
 
 def fitted(
@@ -192,6 +197,8 @@ def _estimated(
 ) -> Estimated:
     """Return a parameter, or the sum of several, in the unit of the model file."""
     factor = file.factor(names[0])
+    determined = not any(bool(wheel.fit.undetermined[name].all()) for name in names)
+    own = wheel.fit.model.parameters.get(names[0]) if len(names) == 1 else None
     return Estimated(
         source=wheel.source,
         wheel=wheel.wheel,
@@ -199,8 +206,19 @@ def _estimated(
         unit=file.units[names[0]],
         value=value / factor,
         se=se / factor,
-        determined=not any(bool(wheel.fit.undetermined[name].all()) for name in names),
+        determined=determined,
+        remark=remark(own, value, determined=determined),
     )
+
+
+def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
+    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one."""
+    if own is not None and own.at_bound(value):
+        return "at its bound"
+    if not determined:
+        return "the data leave it open"
+    usual = abs(value - own.null) / own.scale if own is not None else 0.0
+    return f"{usual:.0f} times its usual size" if usual > _EXPECTED else ""
 
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:

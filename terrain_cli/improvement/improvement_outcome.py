@@ -82,6 +82,7 @@ class Estimated:
     se: float
     unit: str
     determined: bool  # By the data, rather than by what was known beforehand
+    remark: str = ""  # Why its value is to be doubted
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def verdict(step: Step) -> str:
         done = "added" if step.kept else "worth adding"
         return f"{what} {_is(step)} {done}: {found(step)}"
     kept = "added all the same, as --keep asks" if step.kept else "not added"
-    if step.better:
+    if step.better or (step.fell and step.evidence.overall.high < 1.0):
         return f"{what} {_is(step)} {kept}: {found(step)}"
     uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
     partly = " on the whole" if step.fell else uncertain
@@ -179,7 +179,9 @@ def _change(step: Step) -> dict[str, Any]:
         "ratio": model_history.number(step.evidence.overall.value),
         "ratio_interval": model_history.ends(step.evidence.overall),
         "parameters": [
-            asdict(one) | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
+            asdict(one)
+            | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
+            | {"remark": one.remark or None}
             for one in step.parameters
         ],
         "absent_p_value": model_history.number(step.absent),
@@ -328,7 +330,7 @@ def _parameters(parameters: Sequence[Estimated]) -> list[str]:
             quantities.plus_minus(one.value, one.se),
             one.unit,
             f"{one.source} {one.wheel}" if sources else one.wheel,
-            "" if one.determined else "the data leave it open",
+            one.remark,
         )
         for one in parameters[:_MOST_ROWS]
     ]

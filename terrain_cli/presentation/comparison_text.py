@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
-from terrain_cli.vocabulary.quantities import counted, known, short
+from terrain_cli.vocabulary.quantities import counted, known, listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -222,10 +223,27 @@ def _text_of_one(comparison: Comparison, asked: Asked | None) -> str:
     lines += [*aligned([head, *rows]), ""]
     if comparison.failures:
         told = [_told(finding, comparison) for finding in comparison.failures]
-        lines += ["where it fails, the strongest first:", *told, ""]
+        lines += ["where it fails, the strongest first:", *told, *_off_too(comparison), ""]
     lines += [f"note: {warning}" for warning in comparison.warnings]
     lines += [concluded(comparison, asked).sentence]
     return "\n".join(lines)
+
+
+def _off_too(comparison: Comparison) -> Iterator[str]:
+    """Say why a channel is off in the table that no finding names."""
+    there = {finding.channel for finding in comparison.failures}
+    off = [
+        name.replace("_", " ")
+        for name, one in comparison.channels.items()
+        if name not in there and one.heldout_rmse > criteria.ABOVE_NOISE * one.noise
+    ]
+    if off:
+        are = "is" if len(off) == 1 else "are"
+        share = sum(finding.share for finding in comparison.failures)
+        yield (
+            f"  {listed(off)} {are} off too: the fitted soil spreads what is wrong in one channel over the "
+            f"others. The findings account for {min(share, 1.0):.0%} of the misfit of all channels"
+        )
 
 
 def title(comparison: Comparison) -> str:

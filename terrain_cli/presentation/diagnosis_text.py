@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis
+    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, NextDrive
     from terrain_cli.diagnosis.screening import Screened
 
 FORMAT = "terrain-est/diagnosis/1"
@@ -157,10 +157,7 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
     if shown:
         lines += ["", *_table(diagnosis, shown), *order(shown)]
-    for drive in diagnosis.next_drive:
-        first, second = drive.pair
-        power = f" (power {drive.power:.0%})" if drive.settings else ""
-        lines += ["", f"to tell {first} from {second}: {drive.manoeuvre}{power}"]
+    lines += _drives(diagnosis.next_drive)
     if diagnosis.not_testable:
         lines += ["", "not testable on these data:"]
         reasons: dict[str, list[str]] = {}
@@ -170,6 +167,18 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     lines += [f"note: {warning}" for warning in diagnosis.warnings]
     lines += ["", _concluded(diagnosis, asked, draft).sentence]
     return "\n".join(lines)
+
+
+def _drives(drives: Sequence[NextDrive]) -> list[str]:
+    """Write each drive once, with all pairs that it tells apart."""
+    pairs: dict[tuple[str, str], list[str]] = {}
+    for drive in drives:
+        (first, second), power = drive.pair, f" (power {drive.power:.0%})" * bool(drive.settings)
+        pairs.setdefault((drive.manoeuvre, first), []).append(f"{second}{power}")
+    told = []
+    for (manoeuvre, first), others in pairs.items():
+        told += ["", f"to tell {first} from {listed(others, 'or')}: {manoeuvre}"]
+    return told
 
 
 def early(found: Screened) -> str:
@@ -205,4 +214,5 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
         for one in shown
     ]
     table = [head, ["  " + base[0], *base[1:]], *rows]
-    return ["held-out error with each (* = cannot be told from the best):", *aligned(table)]
+    legend = "* = cannot be told from the best; survives: share of it that no soil imitates"
+    return [f"held-out error with each ({legend}):", *aligned(table)]

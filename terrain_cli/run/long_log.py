@@ -23,6 +23,7 @@ from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.presentation import segment_table
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows import cut_windows
 
 if TYPE_CHECKING:
@@ -206,7 +207,7 @@ class LongWheel:
             )
         if self._cut:
             often = f"every {LONGEST:,} samples or so ({self._cut} times)"
-            remarks.append(f"wheel {self._first.wheel}: a soil that goes on is cut {often}")
+            remarks.append(f"{the_wheel(self._first.wheel)}: a soil that goes on is cut {often}")
         return account(self._first, self._rows, self._used, dict(self._reasons.most_common()), remarks)
 
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
-from terrain_cli.estimation import WindowEstimates, estimators
+from terrain_cli.estimation import WindowEstimates, estimators, strength
 from terrain_cli.presentation import segment_table
 from terrain_cli.run import long_log
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.unit_doubts import Doubt
+from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows import cut_windows, locations
 
 if TYPE_CHECKING:
@@ -74,9 +75,11 @@ def run(
     # Reading, and of each wheel the cuts and the estimates.
     steps = 1 + 2 * len(wheels)
     for number, samples in enumerate(wheels):
-        progress(f"wheel {samples.wheel}: segments", (1 + 2 * number) / steps)
+        progress(f"{the_wheel(samples.wheel)}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
         used = len(samples.usable)
+        if settings.stress is not None:
+            samples.remarks += strength.beyond(samples, settings.stress)
         told = long_log.account(samples, len(samples), used, samples.reasons(), samples.remarks)
         outcome.account["wheels"].append(told | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(segment_table.rejects(samples))
@@ -85,7 +88,7 @@ def run(
         cut = long_log.windows_of(samples, settings)
         count += len(cut)
         cut_windows.check_number(source.path, count)
-        progress(f"wheel {samples.wheel}: estimates of {len(cut)}", (2 + 2 * number) / steps)
+        progress(f"{the_wheel(samples.wheel)}: estimates of {len(cut)}", (2 + 2 * number) / steps)
         fitted = estimators.estimate(
             cut, settings.method, file, **settings.of_fits, at_stress=stress, joint=settings.joint
         )

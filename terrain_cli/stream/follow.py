@@ -19,6 +19,7 @@ from terrain_cli.stream import followed_wheel
 from terrain_cli.stream.arriving_samples import MessageSamples, RowSamples
 from terrain_cli.telemetry.usable_samples import BACKWARDS
 from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -145,7 +146,7 @@ class Follow:
         model = f" --model {shlex.quote(str(self._settings.model))}"
         log = "LOG" if self._rows.path == "-" else shlex.quote(self._rows.path)
         return (
-            f"wheel {part.wheel}: the model misses: {alarm.channel} is {size} "
+            f"{the_wheel(part.wheel)}: the model misses: {alarm.channel} is {size} "
             f"{'above' if alarm.size > 0.0 else 'below'} what it predicts, since {when}; to find out why: "
             f"terrain-est diagnose {log}{model}"
         )

@@ -11,6 +11,7 @@ from formats import LOG_TIME, STAMP, Column, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -161,7 +162,7 @@ def _wheel(
         # Of a part nobody asks how many.
         count = f"{len(series[clock][0])} " if whole else ""
         raw.remarks.append(
-            f"wheel {name}: topics have rates of their own: {clock} has a value every {interval:.3g} s, "
+            f"{the_wheel(name)}: topics have rates of their own: {clock} has a value every {interval:.3g} s, "
             f"and its {count}messages are the samples; the others are interpolated there"
         )
     time = series[clock][0]

@@ -13,6 +13,7 @@ from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, identify, resolve, stated_unit, time_pairs, unit_hint
+from terrain_cli.vocabulary.quantities import ONLY_WHEEL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from terrain_cli.rover.vehicle import ChannelEntry
     from terrain_cli.telemetry.topic_discovery import TopicCandidate
     from terrain_cli.vocabulary.units import Unit
-
-ONLY_WHEEL = "wheel"  # The name of a wheel that nothing names
 
 
 def is_table(source: Source) -> bool:

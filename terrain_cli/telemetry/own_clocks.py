@@ -15,6 +15,7 @@ import numpy as np
 
 from terrain_cli.telemetry import alignment
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Notice, Raw
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -113,8 +114,8 @@ class OwnClocks:
     def told(self, wheel: str, samples: int, interpolated: int) -> Notice:
         """Say what became of the rows: how many samples, and in how many values were interpolated."""
         text = (
-            f"wheel {wheel}: columns are filled on clocks of their own: {self.slowest} has a value every "
-            f"{self.interval:.3g} s, and its {samples} rows are the samples"
+            f"{the_wheel(wheel)}: columns are filled on clocks of their own: {self.slowest} has a value "
+            f"every {self.interval:.3g} s, and its {samples} rows are the samples"
         )
         if interpolated:
             text += f"; in {interpolated} of them others are interpolated between two neighbours"

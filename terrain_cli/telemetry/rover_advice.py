@@ -48,8 +48,8 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
     """Say how needed channels not recorded, and the velocity, can be derived, and what is missing."""
     have = set(available)
     missing = tuple(name for name in ("angular_velocity", "velocity") if name not in have)
-    no_depth = Lack("sinkage", f"{NOWHERE}, nor the entry angle", ("sinkage",))
-    no_slip = Lack("slip", f"{NOWHERE}, nor {' and '.join(missing)} to derive it from", missing)
+    no_depth = Lack("sinkage", f"{NOWHERE}, and there is no entry angle", ("sinkage",))
+    no_slip = Lack("slip", f"{NOWHERE}, and there is no {' or '.join(missing)} to derive it from", missing)
     ways = {
         "load": _load(have, wheel, rover),
         "torque": _torque(have, wheel),
@@ -76,7 +76,7 @@ def _load(have: set[str], wheel: Wheel, rover: Rover) -> str | Lack:
 
 def _torque(have: set[str], wheel: Wheel) -> str | Lack:
     if "motor_current" not in have:
-        return Lack("torque", f"{NOWHERE}, nor the motor current", ("torque",))
+        return Lack("torque", f"{NOWHERE}, and there is no motor current", ("torque",))
     if wheel.motor is None:
         lines = ("[motor]", "torque_constant = …  # N m/A", "gear_ratio = …")
         return Lack("torque", "motor_current is there, but not the data of the motor", lines=lines)

@@ -13,6 +13,7 @@ from terrain_cli.telemetry.derived_channels import STANDING
 from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -173,7 +174,7 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
     told = []
     for suspicion in suspicions:
         feed = feeds.get(suspicion.channel)
-        what, weight = f"wheel {wheel}: {suspicion.what}", suspicion.weight
+        what, weight = f"{the_wheel(wheel)}: {suspicion.what}", suspicion.weight
         if feed is None:
             told.append(Doubt(what))
             continue

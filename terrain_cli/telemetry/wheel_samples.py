@@ -165,7 +165,7 @@ def match_name(wanted: str, names: Iterable[str]) -> str | None:
 
 
 class Notice(str):
-    """A remark that every command says on stderr, whatever else it shows."""
+    """A remark that every command says, in what it writes or on stderr, whatever else it shows."""
 
     __slots__ = ()
 

@@ -26,6 +26,15 @@ _DERIVED = frozenset({"wheel_angle"})
 PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
 
+#: The name of a wheel that nothing names.
+ONLY_WHEEL = "wheel"
+
+
+def the_wheel(name: str) -> str:
+    """Return what a wheel is called in a sentence."""
+    return "the wheel" if name == ONLY_WHEEL else f"wheel {name}"
+
+
 def counted(number: int, noun: str, ending: str = "s") -> str:
     return f"{number:,} {noun}{'' if number == 1 else ending}"
 

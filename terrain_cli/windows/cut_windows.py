@@ -12,6 +12,7 @@ from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
+from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.change_points import (
     change_points,
     checked_distance,
@@ -179,7 +180,7 @@ def cut(
     if method == "terrain":
         if labels is None:
             raise InputError(
-                f"{samples.source}: wheel {samples.wheel}: there is no terrain label to cut by",
+                f"{samples.source}: {the_wheel(samples.wheel)}: there is no terrain label to cut by",
                 hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
             )
         bounds = label_windows(labels.codes[rows], breaks=breaks)
@@ -191,7 +192,8 @@ def cut(
             )
         if window_distance is not None and distance is None:
             raise InputError(
-                f"{samples.source}: wheel {samples.wheel}: nothing gives the distance (velocity, or x and y)",
+                f"{samples.source}: {the_wheel(samples.wheel)}: nothing gives the distance "
+                "(velocity, or x and y)",
                 hint="use --window-samples N",
             )
         bounds = fixed_windows(

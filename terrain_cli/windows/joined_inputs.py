@@ -11,6 +11,7 @@ from formats import Labels
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import effect_inputs, usable_samples
 from terrain_cli.telemetry.long_logs import joined
+from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
     new = [effect for effect in effects if not samples.drivers.keys() >= {*effect.reads}]
     if not new:
         return windows
-    place = f"{samples.source}: wheel {samples.wheel}"
+    place = f"{samples.source}: {the_wheel(samples.wheel)}"
     lacks = effect_inputs.not_read(samples, new)
     if lacks:
         raise InputError(

@@ -19,6 +19,7 @@ from terrain_cli.telemetry import Samples, alignment
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.raw_columns import as_clock, as_labels, as_numbers, read_whole
 from terrain_cli.vocabulary.channels import identify, resolve
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -202,7 +203,7 @@ def locate(samples: Samples, places: Places) -> Placed:
     placed = Placed(by, int(found.sum()), int(np.sum(~found & ~ambiguous)), int(np.sum(ambiguous & ~found)))
     samples.channels = {**samples.channels, **position}
     samples.origins |= dict.fromkeys(position, f"{places.path}, by {by}")
-    samples.remarks.append(f"wheel {samples.wheel}: {placed}")
+    samples.remarks.append(f"{the_wheel(samples.wheel)}: {placed}")
     return placed
 
 

@@ -73,8 +73,12 @@ def test_how_much_of_a_finding_shows_in_the_residuals(biased):
 @pytest.mark.parametrize("name", MISFITS)
 def test_a_known_misfit_is_found_in_its_channel_with_its_driver(name):
     effects, right = MISFITS[name]
-    found = compare([windows_of(2, Kind(effects))], Model()).failures
+    compared = compare([windows_of(2, Kind(effects))], Model())
+    found = compared.failures
     assert any({f.driver, *f.alternatives} & set(right.get(f.channel, ())) for f in found)
+    assert not any(f.channel in (f.driver, *f.alternatives) for f in found)
+    for offset in (f for f in found if f.shape == "constant" and "-predicted" in f.sentence):
+        assert offset.amplitude * compared.channels[offset.channel].bias > 0.0
 
 
 def test_a_misfit_is_told_from_noise(biased, clean):
@@ -171,7 +175,7 @@ def test_a_bias_of_one_wheel_is_found_with_its_name():
 def test_progress_is_told():
     said = []
     compare([all_of(some_of(samples_of(1, Kind()), np.arange(400)))], Model(), progress=said.append)
-    assert said[0] == "fitting wheel wheel"
+    assert said[0] == "fitting the wheel"
     assert all(a != b for a, b in pairwise(said))
 
 

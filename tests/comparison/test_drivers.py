@@ -15,6 +15,16 @@ def test_what_an_effect_derives_from_the_misfit_is_no_driver():
     assert not derived.keys() & drivers.of_wheel(replace(windows, samples=asked)).keys()
 
 
+def test_how_far_a_column_scatters_is_no_driver():
+    windows = windows_of(1, Kind())
+    columns = dict.fromkeys(
+        ("Fx_std", "sigma z", "Std", "standing", "wind_std_x"), np.ones(len(windows.samples))
+    )
+    asked = replace(windows.samples, drivers={**windows.samples.drivers, **columns})
+    found = drivers.of_wheel(replace(windows, samples=asked))
+    assert columns.keys() & found.keys() == {"standing"}
+
+
 def test_pitch_and_roll_are_those_of_the_course():
     windows = windows_of(1, Kind())
     samples = windows.samples

@@ -58,11 +58,26 @@ def test_what_varied_alike_is_said():
     assert text.endswith("(or with time or motor temperature, which varied alike)")
 
 
-def test_what_the_soil_hides_of_it_is_said():
-    text = sentence_of("torque", STEP, 0.9, "", ("time",), "1", 0.1)
-    assert "by 0.09 N m" in text
-    assert "; the fit hides the rest of 0.9 N m (or with time" in text
-    assert "hides" not in sentence_of("torque", STEP, 0.9, "", (), "1", 0.5)
+LINE = Shape(driver="slip", name="linear", at=None, low=0.1, high=0.6, span=1.0)
+TURN = Shape(driver="wheel_angle", name="periodic", at=math.pi, low=0.0, high=6.3, span=1.0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "amplitude", "begins"),
+    [
+        (shapes.constant(), 0.9, "a torque 0.9 N m larger than predicted throughout"),
+        (STEP, -0.9, "a torque 0.9 N m smaller than predicted above slip 0.4"),
+        (LINE, 0.9, "a torque 0.9 N m larger than predicted at slip 0.6, against 0.1"),
+        (TURN, 0.9, "a torque that swings by ± 0.9 N m about its prediction, 2 times in a turn of the wheel"),
+    ],
+)
+def test_of_what_the_soil_hides_no_error_is_claimed_that_the_table_does_not_show(shape, amplitude, begins):
+    text = sentence_of("torque", shape, amplitude, "", ("time",), "1", 0.1)
+    assert (
+        text
+        == f"{begins} would fit better; the fitted soil hides most of it (or with time, which varied alike)"
+    )
+    assert "hides" not in sentence_of("torque", shape, amplitude, "", (), "1", 0.5)
 
 
 def test_a_label_is_named():

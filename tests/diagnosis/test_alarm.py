@@ -68,6 +68,13 @@ def test_blocks_that_nearly_all_gain_are_no_chance_though_one_gains_most():
     assert of_gain_in_most(np.append(rng.normal(-1.0, 2.0, 19), 4000.0)) > 0.1
 
 
+def test_few_blocks_that_gain_alike_are_no_rarer_than_that_all_of_them_gain():
+    gain = np.array([1.02, 1.6, 0.64, 1.06, 1.26])
+    assert of_gain(gain) < 0.002
+    assert of_gain_in_most(gain) == 1.0 / 32.0
+    assert of_gain_in_most(np.append(gain, 1.1)) == 1.0 / 64.0
+
+
 @pytest.mark.parametrize("gain", [[4.0], [0.0, 0.0, 0.0]])
 def test_one_block_or_none_that_gains_proves_nothing(gain):
     assert of_gain(np.array(gain)) == of_gain_in_most(np.array(gain)) == 1.0

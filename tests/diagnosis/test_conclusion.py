@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from terrain_cli.diagnosis.conclusion import Asked, Evidence, conclude, of_comparison, of_diagnosis
+from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
 FILE = Asked(inputs=("run.csv",), model="rig.toml")
@@ -15,10 +16,8 @@ UNKNOWN = {"torque": math.nan}
 MISSES = (
     "The model misses something: the held-out error is 8.6 × the noise in torque and 12 × in sinkage, and "
 )
-SMALL = (
-    "The model misses something: the held-out error is at most 1.02 × the noise (in torque) but not random, "
-    "and "
-)
+SMALL = "The model may miss something: the held-out error is at most 1.02 × the noise (in torque), but "
+POSSIBLE = "a first check of the effects finds a possible cause."
 FITS = (
     "The model fits to the noise: the held-out error is at most 1.02 × the noise (in torque), and no effect"
 )
@@ -36,19 +35,41 @@ def evidence(ratios, **known):
     [
         pytest.param(evidence(FINE), "fits", FITS, "", id="noise, by scores"),
         pytest.param(evidence(FINE, verdict="none"), "fits", FITS, "", id="noise, by a diagnosis"),
+        pytest.param(evidence(OFF, raised=True), "explained", MISSES + POSSIBLE, LOOK, id="scores"),
         pytest.param(
-            evidence(OFF, raised=True),
+            evidence(OFF, raised=True, tracked=True),
             "explained",
             MISSES + "it follows what was recorded.",
             LOOK,
-            id="scores",
+            id="findings",
         ),
         pytest.param(
-            evidence(FINE, raised=True),
+            evidence(FINE, raised=True), "explained", SMALL + POSSIBLE, LOOK, id="scores within the noise"
+        ),
+        pytest.param(
+            evidence(FINE, raised=True, tracked=True),
             "explained",
-            SMALL + "it follows what",
+            SMALL + "it follows what was recorded.",
             LOOK,
-            id="scores beyond noise",
+            id="findings within the noise",
+        ),
+        pytest.param(
+            evidence(FINE, raised=True, verdict="effect", family=("slope",)),
+            "explained",
+            "The model misses something: the held-out error is at most 1.02 × the noise (in torque) but not "
+            "random, and slope explains it.",
+            NEW + "slope" + DATA,
+            id="one name within the noise",
+        ),
+        pytest.param(
+            evidence(
+                FINE, raised=True, verdict="family", family=("slope", "crust"), refused=("slope", "crust")
+            ),
+            "unexplained",
+            "The model fits as well as these data can tell: the held-out error is at most 1.02 × the noise "
+            "(in torque). What is left may not be random, but slope and crust were tried and do not pay.",
+            "",
+            id="nothing pays within the noise",
         ),
         pytest.param(
             evidence(UNKNOWN, raised=True),
@@ -78,6 +99,37 @@ def evidence(ratios, **known):
             "First take this drive, and diagnose both logs together: drive uphill.",
             NEW + "--until-quiet" + DATA,
             id="a family that a drive settles",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), checks=("weigh it",)),
+            "explained",
+            MISSES + "one of slope and crust explains it; these data cannot tell which. "
+            "No drive tells all of them apart: first weigh it. Without it, only the held-out",
+            NEW + "--until-quiet" + DATA,
+            id="a family that a sensor's check settles",
+        ),
+        pytest.param(
+            evidence(
+                OFF,
+                raised=True,
+                verdict="family",
+                family=("slope", "crust", "load-bias"),
+                drive="drive uphill",
+                checks=("weigh it",),
+            ),
+            "explained",
+            MISSES + "one of slope, crust and load-bias explains it; these data cannot tell which. "
+            "First take this drive, and diagnose both logs together: drive uphill. "
+            "Also weigh it: the drive does not tell all of them apart. Without it, only the held-out",
+            NEW + "--until-quiet" + DATA,
+            id="a family that both settle",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), share=0.97, leaves=True),
+            "explained",
+            MISSES + "one of slope and crust explains most of it; these data cannot tell which.",
+            NEW + "--until-quiet" + DATA,
+            id="a family that leaves more than noise",
         ),
         pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",)),
@@ -133,28 +185,42 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",), refused=("slope",)),
             "unexplained",
-            MISSES + "slope lowered it no more than chance may.",
+            MISSES + "slope was tried and does not pay.",
             "",
             id="tried, and did not pay",
         ),
         pytest.param(
             evidence(OFF, raised=True, verdict="unknown", refused=("law.toml",)),
             "unexplained",
-            MISSES + "law.toml lowered it no more than chance may.",
+            MISSES + "law.toml was tried and does not pay.",
             "",
             id="a law that did not pay",
         ),
         pytest.param(
+            evidence(OFF, raised=True, tracked=True, refused=("stiffness-with-load",)),
+            "unexplained",
+            MISSES + "stiffness-with-load was tried and does not pay. Drive the same track again.",
+            "",
+            id="a law that a diagnosis drafted before",
+        ),
+        pytest.param(
+            evidence(UNKNOWN, points=True, refused=("slope",)),
+            "undecided",
+            "No effect stands out, but the noise of torque is not known. Repeat some test points",
+            "",
+            id="noise of test points unknown, one was tried",
+        ),
+        pytest.param(
             evidence(OFF, raised=True, refused=("slope",)),
             "unexplained",
-            MISSES + "slope lowered it no more than chance may.",
+            MISSES + "slope was tried and does not pay.",
             NEW + "--until-quiet" + DATA,
             id="scores, one was tried",
         ),
         pytest.param(
             evidence(OFF, refused=("slope",)),
             "unexplained",
-            MISSES + "slope lowered it no more than chance may.",
+            MISSES + "slope was tried and does not pay.",
             NEW + "--until-quiet" + DATA,
             id="scores silent, one was tried",
         ),
@@ -231,6 +297,14 @@ def test_the_next_command_changes_the_file_that_is_there():
     assert conclude(evidence(OFF), FILE).command == "terrain-est diagnose run.csv --model rig.toml"
 
 
+def test_without_drawbar_pull_it_says_what_would_not_show():
+    """A torque that is off by a constant is cohesion then, a load by a factor friction."""
+    assert conclude(evidence(FINE), ASKED).sentence.endswith("look like another soil: they would not show.")
+    assert (
+        "drawbar" not in conclude(evidence({**FINE, "drawbar pull": 0.99}), ASKED).sentence.split("stands")[1]
+    )
+
+
 def test_a_base_that_is_not_the_usual_one_is_named():
     asked = Asked(inputs=("run.csv",), model="linear")
     told = conclude(evidence(OFF, raised=True, verdict="effect", family=("slope",)), asked)
@@ -270,3 +344,30 @@ def test_a_drafted_law_in_a_few_words(channel, driver, law):
         unrecorded=(),
     )
     assert of_diagnosis(found).law == law
+
+
+def test_effects_of_a_doubtful_size_explain_nothing():
+    names = ("slope", "crust", "hardpan")
+    doubts = ("", "at its bound", "")
+    torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
+    found = SimpleNamespace(
+        comparison=SimpleNamespace(channels={"torque": torque}, blocks=20, wheels=[]),
+        alarm=SimpleNamespace(raised=True, small=False),
+        verdict="family",
+        unknown=None,
+        family=names,
+        together=(),
+        candidates=[
+            SimpleNamespace(effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.3})
+            for name, doubt in zip(names, doubts, strict=True)
+        ],
+        next_drive=[NextDrive(("slope", "crust"), "no drive tells", 0.1, check="weigh it")],
+        unrecorded=(),
+    )
+    evidence = of_diagnosis(found)
+    assert evidence.family == ("slope", "hardpan")
+    assert evidence.leaves
+    assert evidence.checks == ("weigh it",)
+    for one in found.candidates:
+        one.doubt = "at its bound"
+    assert of_diagnosis(found).family == names

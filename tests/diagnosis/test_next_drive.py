@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -167,8 +168,24 @@ def test_of_a_sensor_that_cannot_be_told_from_the_ground_it_asks_for_a_calibrati
         Hypothesis(id=effect.id, title=effect.title, model=model, effects=(effect,))
         for effect in (catalogue()["bulldozing"], OWN["load-gain"])
     )
-    text = next_drive._unsettled(one, other, diagnosis_criteria.LEAST_POWER - 0.1)
-    assert text.endswith("calibrate the load cell with known weights")
+    found = next_drive._unsettled(one, other, diagnosis_criteria.LEAST_POWER - 0.1)
+    assert found.check == "calibrate the load cell with known weights"
+    assert found.manoeuvre.endswith(found.check)
+
+
+def test_of_drives_of_the_same_power_one_that_was_not_just_driven_comes_first():
+    part = SimpleNamespace(inputs={"slip": np.linspace(0.03, 0.57, 50), "load": np.linspace(70.0, 130.0, 50)})
+    known = {one.varies: one for one in manoeuvres.library(AT, 60.0)}
+    sweep, loads = (known[frozenset(names)] for names in ({"slip"}, {"slip", "load"}))
+    course = {"slip": np.linspace(0.05, 0.6, 50), "load": np.full(50, 100.0)}
+    assert next_drive.driven(sweep, course, part)
+    assert not next_drive.driven(loads, course | {"load": np.repeat([60.0, 140.0], 25)}, part)
+    assert not next_drive.driven(sweep, course, SimpleNamespace(inputs={}))
+    side = SimpleNamespace(hypothesis=SimpleNamespace(id="x", effects=()))
+    pair = next_drive._Pair(side, side, np.array([[5.0] * 4, [4.0] * 4]))
+    for again, expected in ((True, loads), (False, sweep)):
+        found, _ = next_drive._best(pair, [sweep, loads], np.array([again, False]), pair.worst)
+        assert found.manoeuvre == expected.text
 
 
 def test_each_of_the_others_gets_a_drive():

@@ -69,6 +69,15 @@ def test_without_a_finding_the_name_comes_first():
     assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4)), []).startswith("Most likely gear-efficiency")
 
 
+def test_of_a_family_those_of_a_doubtful_size_are_marked():
+    found = diagnosed((0.4, 5.0, 6e-4), "family")
+    found.family = ("gear-efficiency", "slope", "crust")
+    found.candidates.append(SimpleNamespace(effect="crust", sizes={}, doubt="at its bound"))
+    assert verdict.sentence(found, []) == (
+        "Gear-efficiency, or slope or crust (at its bound): these data cannot tell."
+    )
+
+
 def test_two_that_are_missing_together_are_no_alternatives():
     pair = ("gear-efficiency", "slope")
     assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4), "family", pair), []) == (

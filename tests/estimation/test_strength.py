@@ -47,6 +47,14 @@ def test_the_typical_stress_is_a_round_one(stresses, rounded):
     assert strength.typical(np.array(stresses)) == pytest.approx(rounded, nan_ok=True)
 
 
+def test_a_stress_that_was_never_driven_is_remarked(windows):
+    _, cut = windows
+    samples = cut.samples
+    assert not [*strength.beyond(samples, 20e3)]
+    (told,) = strength.beyond(samples, 1e9)
+    assert told.startswith("strengths at 1e+06 kPa are extrapolated: the wheel put ")
+
+
 def test_strengths_are_those_of_the_line_at_one_stress(windows):
     _, cut = windows
     table = terrain.estimate(cut, "least-squares", at_stress=7.5)

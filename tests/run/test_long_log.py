@@ -170,7 +170,7 @@ def test_a_soil_that_goes_on_is_cut(both):
     assert max(found.table["n_samples"]) <= 2 * long_log.LONGEST + long_log.REACH
     assert sum(found.table["n_samples"]) == 45_000
     (remark,) = found.account["wheels"][0]["remarks"]
-    assert remark.startswith("wheel wheel: a soil that goes on is cut every 8,000 samples")
+    assert remark.startswith("the wheel: a soil that goes on is cut every 8,000 samples")
     np.testing.assert_allclose(found.table["phi_deg"], whole.table["phi_deg"][0], atol=1.0)
 
 

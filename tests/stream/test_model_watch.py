@@ -89,7 +89,7 @@ def test_a_torque_that_shifts_is_told_once_with_its_size_and_time():
     some = spoilt(lines(SECONDS), "torque", 0.3, 45.0)
     told = followed(text(some), model="wong-reece", segments="none")
     (said,) = [remark for remark in told.remarks if "torque" in remark]
-    assert said.startswith("wheel wheel: the model misses: torque is 0.")
+    assert said.startswith("the wheel: the model misses: torque is 0.")
     assert "N m above what it predicts, since " in said
     size = float(said.partition("torque is ")[2].split()[0])
     since = float(said.partition("since ")[2].split()[0])

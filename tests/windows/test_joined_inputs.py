@@ -52,7 +52,7 @@ def test_samples_without_it_are_set_aside_and_empty_windows_go(drive):
 def test_what_was_not_measured_is_told_in_one_line(change, drive):
     frame = drive.frame.drop(columns="pitch") if change == "drop" else drive.frame.assign(pitch=np.nan)
     windows = cut(frame, drive)
-    with pytest.raises(InputError, match=r"frame: wheel wheel: .*slope") as error:
+    with pytest.raises(InputError, match=r"frame: the wheel: .*slope") as error:
         with_channels(windows, SLOPE)
     assert "\n" not in str(error.value)
     assert pd.notna(frame["load"]).all()

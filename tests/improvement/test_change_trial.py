@@ -1,0 +1,27 @@
+"""What is said of a parameter beside its value."""
+
+import pytest
+
+from terrain_cli import effects
+from terrain_cli.improvement.change_trial import remark
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "value", "determined", "told"),
+    [
+        ("wheel-radius", "relative_error", 0.207, True, "7 times its usual size"),
+        ("wheel-radius", "relative_error", 0.05, True, ""),
+        ("wheel-radius", "relative_error", 0.05, False, "the data leave it open"),
+        ("wheel-radius", "relative_error", 0.4, True, "at its bound"),
+        # An error of 0.13 beside "the data leave it open" would be a riddle.
+        ("slip-sinkage", "bend", 2.0, False, "at its bound"),
+    ],
+)
+def test_a_value_to_be_doubted_is_remarked(effect, name, value, determined, told):
+    (own,) = (one for one in effects.catalogue()[effect].parameters if one.name == name)
+    assert remark(own, value, determined=determined) == told
+
+
+def test_of_the_soil_only_what_the_data_leave_open_is_remarked():
+    assert remark(None, 0.02, determined=True) == ""
+    assert remark(None, 0.02, determined=False) == "the data leave it open"

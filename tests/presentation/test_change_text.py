@@ -1,0 +1,35 @@
+"""A change of a model in words."""
+
+from types import SimpleNamespace
+
+from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Interval
+from terrain_cli.presentation import change_text
+
+
+def test_an_error_that_fell_is_not_said_not_to_have_fallen():
+    torque = ChannelChange(
+        name="torque",
+        unit="N m",
+        before=Interval(0.0817, 0.06, 0.1),
+        after=Interval(0.073, 0.05, 0.09),
+        noise=0.065,
+        difference=Interval(-0.0087, -0.0144, -0.00297),
+    )
+    step = SimpleNamespace(
+        action="add",
+        changed=("stiffness-law",),
+        confirmation=None,
+        pays=False,
+        better=False,
+        kept=False,
+        testable=True,
+        there=False,
+        absent=0.016,
+        fell=[torque],
+        rose=[],
+        evidence=HeldOutEvidence(Interval(0.877, 0.82, 0.938), blocks=20, lost=0.0),
+    )
+    assert change_text.verdict(step) == (
+        "stiffness-law is not added: the held-out error fell in torque from 0.0817 to 0.073 N m, but its "
+        "parameters do not differ significantly from their null values (p 0.016)"
+    )

@@ -1,0 +1,19 @@
+"""A diagnosis in words."""
+
+from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.presentation import diagnosis_text
+
+
+def test_a_drive_that_tells_several_apart_is_said_once():
+    sweep = {"slip": [0.05, 0.6]}
+    drives = [
+        NextDrive(("load-bias", "slope"), "sweep the slip", 0.98, sweep),
+        NextDrive(("load-bias", "crust"), "sweep the slip", 0.88, sweep),
+        NextDrive(("load-bias", "bulldozing"), "no drive tells them apart: weigh it", 0.7, check="weigh it"),
+    ]
+    assert diagnosis_text._drives(drives) == [
+        "",
+        "to tell load-bias from slope (power 98%) or crust (power 88%): sweep the slip",
+        "",
+        "to tell load-bias from bulldozing: no drive tells them apart: weigh it",
+    ]
