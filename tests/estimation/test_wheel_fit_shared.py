@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
+from simulator import (
+    CHANNELS,
+    Drive,
+    Sensor,
+    Soil,
+    Track,
+    Wheel,
+    base_contact,
+    constant,
+    simulate,
+    undulation,
+)
 from wheel_samples import WHEEL, free
 
+from terrain_cli.effects import find as effect_of
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.estimation.further_unknowns import with_contact
 from terrain_cli.estimation.wheel_fit import Noise, Prior, fit
 from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, eliminate, newton
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
+from terrain_cli.models import ModelFile
 
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
 NOISE = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.3})
@@ -208,3 +225,26 @@ def test_only_parameters_of_the_model_can_be_shared():
             shared=["k"],
             priors={"cohesion": Prior(1e3, 1e3)},
         )
+
+
+@pytest.mark.parametrize("parts", [(0, 340), (0, 295, 340)], ids=["one", "two"])
+def test_the_shape_of_the_contact_does_not_take_the_place_of_an_effect(parts):
+    soil = base_contact(Soil("soft", 250.0, math.radians(30.0), 0.018, 0.0, 3.5e5, 0.9))
+    track = Track("wheel", [(soil, 68.0)], undulation(150.0, 0.25, 19.0, 4), undulation(0.3, 0.85, 27.0, 5))
+    noisy = dict.fromkeys(("load", "torque", "sinkage", "slip"), Sensor(relative=0.02))
+    told = Drive(
+        [track],
+        Wheel(radius=0.15, width=0.12),
+        constant(0.075),
+        effects={"bulldozing": {"factor": 0.3}},
+        rate=5.0,
+        sensors={**noisy, "drawbar_pull": Sensor(absolute=0.8)},
+        channels=(*CHANNELS, "slip", "drawbar_pull"),
+        seed=4,
+    )
+    channels = simulate(told).wheels["wheel"].aligned()
+    file = with_contact(ModelFile(model=Model(effects=(effect_of("bulldozing"),))))
+    found = fit(file.model, WheelGeometry(0.15, 0.12), channels, parts, priors=file.priors, local=file.local)
+    away = (found.shared["bulldozing.factor"] - 0.3) / found.shared_errors["bulldozing.factor"]
+    assert abs(away) < 2.0
+    assert (found.status == "ok").all()

@@ -1,15 +1,8 @@
-"""The steps of a fit: noise, search, wild samples, errors.
-
-Wild samples are too far from the fit for noise: spikes, dropped digits, the edge of another soil. A few
-lead a fit by least squares astray however many samples there are. They are found by a
-robust fit (Huber's weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 and
-4.4). Samples of noise alone stay, so that nothing is lost on clean data.
-"""
+"""The steps of a fit: noise, search, wild samples, errors."""
 
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,7 +30,15 @@ from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-from terrain_cli.estimation.wheel_fit.window_search import ENOUGH, enough_nodes, mend, search, settled_search
+from terrain_cli.estimation.wheel_fit.wild_samples import wild_samples
+from terrain_cli.estimation.wheel_fit.window_search import (
+    ENOUGH,
+    enough_nodes,
+    lower_elsewhere,
+    mend,
+    search,
+    settled_search,
+)
 from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
@@ -54,12 +55,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
-#: Samples of pure noise that are left out of a whole log, on average. Judged.
-_BY_CHANCE = 0.01
-#: Share of a window's samples above which it is the model that misses, and not they. Judged.
-_MOST = 0.1
-#: Passes in which the true values of the inputs come to rest.
-_PASSES = 3
 #: Samples of a window that tell noise from soil.
 _EACH = 30
 #: Rounds after which noise is left as it is where every window is lost: it does not settle on a misfit.
@@ -70,42 +65,6 @@ _ROUNDS_LOST = 8
 _ONE_STEP = 3.0
 #: Samples fitted at a time, where windows share nothing.
 _GROUP = 100_000
-
-
-def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:
-    """Tell which samples are too far from a robust fit, of these or of some, for the noise of `problem`."""
-    limits = _squares(data.measured.shape[0], _BY_CHANCE / max(data.measured.shape[1], 1))
-    far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])
-    wild = np.zeros(data.measured.shape[1], dtype=bool)
-    if len(far):
-        # True values of the inputs that come to rest take a residual down, not up.
-        part = data.take(far, np.diff(np.searchsorted(far, data.bounds)), np.arange(len(data.windows)))
-        squared = _squared(problem, part, found, order, _PASSES)
-        wild[far] = squared > limits[part.seen.sum(axis=0)]
-    share = segment_sum(wild.astype(float), data.bounds) / np.maximum(data.count, 1)
-    return np.asarray(wild & np.repeat(share <= _MOST, data.count))
-
-
-def _squared(problem: Problem, data: FitData, found: State, order: int | None, passes: int) -> Array:
-    """Return the sum of squares of each sample's residuals after some passes, shape (n,)."""
-    squared = np.zeros(data.measured.shape[1])
-
-    def keep(block: Index, _: FitData, equations: Equations) -> None:
-        rows = slice(data.bounds[block[0]], data.bounds[block[-1] + 1])
-        squared[rows] = np.einsum("an,an->n", equations.residual, equations.residual)
-
-    latent = np.array([data.channels[name] for name in data.inputs])
-    for _ in range(passes):
-        accumulate(problem, data, found.t, found.common, latent, order=order, each=keep)
-    return squared
-
-
-def _squares(most: int, probability: float) -> Array:
-    """Return what χ² of 0 to so many degrees of freedom exceeds that rarely (Wilson & Hilferty 1931)."""
-    free = np.arange(1, most + 1)
-    part = 2.0 / (9.0 * free)
-    normal = NormalDist().inv_cdf(1.0 - probability)
-    return np.concatenate([[np.inf], free * (1.0 - part + normal * np.sqrt(part)) ** 3])
 
 
 def fit(
@@ -243,6 +202,9 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool) ->
     learner = _likely_noise(problem, data, ordered=ordered, begun=problem.noise if certain else None)
     problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
     begun = end if _of_all(end, data) else near.begun
+    if begun is not None and (lower := lower_elsewhere(problem, data, begun)) is not None:
+        problem, dof, end = _learn(problem, data, learner, lower)
+        begun = end if _of_all(end, data) else lower
     return [replace(near, problem=problem, dof=dof, begun=begun, others=learner.others())]
 
 
@@ -316,14 +278,13 @@ def _learn(
         return problem, 1.0, initial(nothing, *damped_search.centre(problem, nothing))
     most = learner.samples
     chosen = filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))]
-    sample = data.only(chosen)
-    sample = sample.thinned(most // len(sample.windows))
+    sample = data.only(chosen).thinned(most // len(chosen))
     local, dof = len(problem.unknowns.local), 1.0
     state = initial(sample, *damped_search.centre(problem, sample))
     if begun is not None:
         lost = ~begun.converged[chosen, None]
         state = initial(sample, np.where(lost, state.t, begun.t[chosen]), begun.common)
-    elif next(damped_search.of_shapes(problem, state.common), None) is not None:
+    elif next(damped_search.with_effects(problem, state.common), None) is not None:
         state = search(problem, sample, enough_nodes(problem.noise, sample))
     near = begun is not None and bool(begun.converged[chosen].all())
     for number in range(1, learner.rounds + 1):
@@ -367,10 +328,9 @@ def _residuals(
     for row, output in enumerate(data.outputs):
         name = "load" if output == BALANCE else output
         difference = data.measured[row] - value(getattr(prediction, output))
-        number = value(getattr(prediction, name))
         difference = np.where(data.seen[row], difference, np.nan)
         residuals[name], predicted[name] = np.full((2, n), np.nan)
-        residuals[name][rows], predicted[name][rows] = difference, number
+        residuals[name][rows], predicted[name][rows] = difference, value(getattr(prediction, name))
         count = segment_sum(data.seen[row].astype(float), data.bounds)
         left[row] = np.nan_to_num(difference)
         power = segment_sum(left[row] ** 2, data.bounds)

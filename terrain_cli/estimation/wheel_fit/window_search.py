@@ -60,6 +60,8 @@ _SOME, _ROUGH = 5, 3
 ENOUGH, _LAST = 200, 8
 #: Steps from elsewhere, and downhill in one round of many.
 _ELSEWHERE, _A_ROUND = 15, 10
+#: A sum of squares that is less by this is that of another valley.
+_LOWER = 0.1
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2
@@ -235,6 +237,19 @@ def search(problem: Problem, data: FitData, order: int | None, begun: State | No
     return _again(problem, data, state, order, iterations=_LAST)
 
 
+def lower_elsewhere(problem: Problem, data: FitData, ended: State) -> State | None:
+    """Return the end of a search from all beginnings with effects, if it is lower than where one has ended.
+
+    What noise usually is may have led that one to another valley, of which the noise was then learnt.
+    """
+    if next(damped_search.with_effects(problem, ended.common), None) is None:
+        return None
+    some, order = data.thinned(ENOUGH), enough_nodes(problem.noise, data)
+    ends = [search(problem, some, order, ended), search(problem, some, order)]
+    here, there = (float(end.merit.sum() + np.sum(end.common**2)) for end in ends)
+    return ends[1] if ends[1].converged.all() and there < here - _LOWER else None
+
+
 def _again(
     problem: Problem, data: FitData, begun: State, order: int | None, *, iterations: int = ITERATIONS
 ) -> State:
@@ -255,10 +270,10 @@ def _again(
 def _searched(problem: Problem, data: FitData, order: int | None) -> State:
     """Search with the samples given."""
     t, common = damped_search.centre(problem, data)
-    begun = [common, *damped_search.of_shapes(problem, common)]
+    begun = [common, *damped_search.with_effects(problem, common)]
     if len(begun) > 1:
         ends = [_towards(problem, data, t, one, order) for one in begun]
-        return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
+        return _lowest(ends, data, problem)
     state = _towards(problem, data, t, common, order)
     if problem.unknowns.shared:
         return state
@@ -286,7 +301,7 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     rows = data.rows_of(bad)
     for other in damped_search.others(problem, again, common):
         tried = solve(problem, again, initial(again, other, common), order=order, iterations=_ELSEWHERE)
-        better = tried.converged & ((tried.merit < state.merit[bad] - 0.1) | ~state.converged[bad])
+        better = tried.converged & ((tried.merit < state.merit[bad] - _LOWER) | ~state.converged[bad])
         at = bad[better]
         state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
         inside = np.repeat(better, again.count)
