@@ -136,6 +136,8 @@ def _settings() -> Spec:
             titleFontSize=12,
             titleFontWeight="normal",
         )
+        # What would reach beyond the picture is left out.
+        .configure_axisX(labelBound=4)
         .configure_legend(
             labelColor=INK,
             titleColor=INK,
