@@ -188,13 +188,16 @@ def test_the_line_needs_sinkage(folder, tmp_path, terrain_est_here):
     assert "sinkage" in done.stderr
 
 
-def test_an_empty_column_was_not_measured(folder, tmp_path, compare):
+@pytest.mark.parametrize("cell", [np.nan, "n/a"])
+def test_a_column_without_numbers_was_not_measured_and_that_is_said(folder, tmp_path, compare, cell):
     table = pd.read_csv(folder / "clean.csv")
-    table.assign(torque=np.nan).to_csv(tmp_path / "run.csv", index=False)
+    table.assign(torque=cell).to_csv(tmp_path / "run.csv", index=False)
     (tmp_path / "rover.toml").write_text(ROVER)
     found = compare(tmp_path / "run.csv")
     assert found["channels"].keys() == {"drawbar_pull", "sinkage"}
     assert found["data"]["samples"] > 0
+    (told,) = (note for note in found["warnings"] if "torque" in note)
+    assert told.endswith("torque: torque in N m holds no number: taken as not measured")
 
 
 def test_keys_are_documented(folder, compare):

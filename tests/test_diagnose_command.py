@@ -187,7 +187,9 @@ def test_has_the_keys_of_the_contract(found):
             assert one.keys() >= {"effect", "score", "p_value", "explained", "heldout_rmse", "parameters"}
             assert one["heldout_rmse"].keys() == answer["channels"].keys()
             assert 0.0 <= one["explained"] <= 1.0
-            assert all(size.keys() == {"value", "se", "unit"} for size in one["parameters"].values())
+            assert all(
+                size.keys() == {"value", "se", "unit", "wheels"} for size in one["parameters"].values()
+            )
         assert all(one.keys() == {"effect", "because"} for one in answer["not_testable"])
         tried = {one["effect"] for one in answer["candidates"]}
         assert not tried & {one["effect"] for one in answer["not_testable"]}
@@ -308,14 +310,14 @@ def test_errors(args, code, said, folder, terrain_est_here):
 
 
 def keys_of(value):
-    """Yield every key of a document, but not those that are names of channels or parameters."""
+    """Yield every key of a document, but not those that are names of channels, parameters or wheels."""
     if isinstance(value, list):
         for one in value:
             yield from keys_of(one)
     elif isinstance(value, dict):
         for key, one in value.items():
             yield key
-            named = key in {"channels", "parameters", "heldout_rmse"} and isinstance(one, dict)
+            named = key in {"channels", "parameters", "heldout_rmse", "wheels"} and isinstance(one, dict)
             yield from keys_of(list(one.values()) if named else one)
 
 

@@ -241,6 +241,20 @@ def test_rows_passed_over_are_counted(run, tmp_path):
     assert "row 3 has 3 fields where the header names 2: set aside" in out
 
 
+@pytest.mark.parametrize("column", ["Fx_tractive_N", "tractive_force_kN", "pull [N]"])
+def test_a_column_that_may_be_the_drawbar_pull_is_pointed_out(run, tmp_path, column):
+    path = tmp_path / "run.csv"
+    path.write_text(f"load,slip,{column},Fx_std,Fz_std_N\n80,0.1,7,1,1\n")
+    _, out, _ = run(path)
+    unit = "kN" if "kN" in column else "N"
+    assert (
+        f'if {column} is one, write into rover.toml: [channels] drawbar_pull = {{ column = "{column}"' in out
+    )
+    assert f'unit = "{unit}" }}' in out
+    path.write_text(f"load,slip,drawbar_pull,{column}\n80,0.1,7,1\n")
+    assert "no drawbar pull" not in run(path)[1]
+
+
 JOINT = 'topic = "/fake_joints_state", field = "effort", name = "joint_5"'
 
 
@@ -250,6 +264,7 @@ JOINT = 'topic = "/fake_joints_state", field = "effort", name = "joint_5"'
     [
         ("cmu-smooth-wheel.csv", "text table, 189 rows"),
         ("cmu-smooth-wheel.csv", "wheel smooth: 189 samples"),
+        ("cmu-smooth-wheel.csv", "no drawbar pull is read; if Fx_tractive_N is one, write into rover.toml:"),
         ("cmu-smooth-wheel.csv", "torque nothing measures it, and there is no motor current"),
         ("digitised-smooth-wheels.csv", "torque 0 … 5.3 N m meas_torque_nm in N m"),
         ("digitised-smooth-wheels.csv", "geometry the radius and width of the wheel"),

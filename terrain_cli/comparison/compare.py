@@ -19,7 +19,7 @@ from terrain_cli.comparison.comparison_outcome import (
     WheelComparison,
 )
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.fitted_wheel import QUIETED, FittedWheel
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.quantities import counted, the_wheel
@@ -294,7 +294,7 @@ def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: i
     errors = {
         name: _errors(name, [(one, block)], wheel.noise[name].deviation, seed) for name, one in series.items()
     }
-    samples, segment = wheel.windows.samples, wheel.segment
+    samples, segment, quiet = wheel.windows.samples, wheel.segment, wheel.quiet(wheel.gap)
     bounds = np.searchsorted(segment, np.arange(int(segment.max(initial=-1)) + 2))
     return WheelComparison(
         source=samples.source,
@@ -306,7 +306,11 @@ def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: i
         model=wheel.model,
         series=series,
         errors=errors,
-        drivers=wheel.drivers,
+        # Their own noise is in the predictions too: residuals would follow it.
+        drivers={
+            name: replace(driver, values=quiet[name]) if name in QUIETED else driver
+            for name, driver in wheel.drivers.items()
+        },
         blocks=block,
     )
 

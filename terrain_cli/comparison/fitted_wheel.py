@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 
 #: What is interpolated: the speeds have the noise of the slip that is computed from them.
-_QUIETED = (*smoothed_channels.NOISY, "velocity", "angular_velocity")
+QUIETED = (*smoothed_channels.NOISY, "velocity", "angular_velocity")
 #: Channels that a model without effects reads, explains or is compared with.
-_READ = (*_QUIETED, "torque", "drawbar_pull")
+_READ = (*QUIETED, "torque", "drawbar_pull")
 #: Samples that tell over which gap channels are interpolated best (judged).
 _TELL = 1_000
 #: Most samples to which one soil is fitted.
@@ -358,7 +358,7 @@ class FittedWheel:
         if not self.ordered:
             return dict(self.read)
         return {
-            name: self._from_neighbours(column, gap) if name in _QUIETED else column
+            name: self._from_neighbours(column, gap) if name in QUIETED else column
             for name, column in self._read(gap).items()
         }
 
@@ -397,4 +397,4 @@ class FittedWheel:
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
         found = {name: driver.values[rows] for name, driver in self.drivers.items()}
-        return channels, found | {name: channels[name] for name in _QUIETED if name in found}
+        return channels, found | {name: channels[name] for name in QUIETED if name in found}

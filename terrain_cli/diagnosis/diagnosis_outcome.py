@@ -59,6 +59,9 @@ class Size(NamedTuple):
     value: float
     se: float
     unit: str
+    # Each wheel with its value and standard error, where they differ by more than their errors: then the
+    # above are those of no wheel
+    wheels: tuple[tuple[str, float, float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,9 +10,10 @@ import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
-from terrain_cli.comparison import blocks, comparison_criteria, smoothed_fit
+from terrain_cli.comparison import blocks, comparison_criteria
 from terrain_cli.diagnosis import (
     alarm,
+    effect_sizes,
     next_drive,
     outside_catalogue,
     pairs,
@@ -21,8 +22,7 @@ from terrain_cli.diagnosis import (
     screening,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Size
-from terrain_cli.models.model_file import SOIL_UNITS
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -315,7 +315,7 @@ def candidates(
             loss=change / count,
             loss_se=np.nan if refit is None else blocks.error(refit.loss - base.loss) / count,
             heldout={} if refit is None else _held_out(log, one, refit, anew=one.id == first),
-            sizes=dict(found.sizes[one.id]) if refit is None else _sizes(one, data, refit),
+            sizes=dict(found.sizes[one.id]) if refit is None else effect_sizes.of_refit(one, data, refit),
             refitted=refit is not None,
             in_family=refit is not None and one.id in family,
             doubt="" if refit is None else refit_ranking.doubt(data, one, refit),
@@ -359,42 +359,3 @@ def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -
     found = screening.screen(wheels, log.block, others, case.seed)
     first = max(found.p_values, key=lambda name: found.explained[name], default="")
     return alarm.of_scores(found, first) if first else 1.0
-
-
-def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
-    """Average what came with a hypothesis over the wheels, by errors; NaN where the data leave it open."""
-    names = list(one.parameters or one.priors)
-    pairs: dict[str, list[tuple[float, float]]] = {}
-    for part, solution in zip(data.data, refit.solutions, strict=True):
-        covariance, _ = smoothed_fit.covariance(part, solution)
-        sought = solution.unknowns
-        for column, unknown in enumerate((*sought.local, *sought.shared)):
-            if unknown.name not in names:
-                continue
-            own = column < len(sought.local)
-            t = solution.t[:, column] if own else solution.common[[column - len(sought.local)]]
-            error = np.sqrt(covariance[:, column, column]) if own else np.sqrt(covariance[:1, column, column])
-            told = (error < criteria.LEFT_OPEN * unknown.sd) | unknown.logarithm
-            known = zip(unknown.value(t)[told].tolist(), error[told].tolist(), strict=True)
-            pairs.setdefault(unknown.name, []).extend(known)
-    sizes = {}
-    for name in (name for name in names if name in pairs):
-        own_parameter, found = one.model.parameters.get(name), pairs[name]
-        value, se = pooled(found) if found else (np.nan, np.nan)
-        factor = own_parameter.factor if own_parameter else 1.0
-        unit = own_parameter.unit if own_parameter else SOIL_UNITS.get(name, "")
-        sizes[own_parameter.name if own_parameter else name] = Size(value / factor, se / factor, unit)
-    return sizes
-
-
-def pooled(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Average values with their standard errors.
-
-    The error of the mean is larger by as much as the values differ by more than their errors (Birge, Physical
-    Review 40, 1932): what one wheel has and the others have not is known of none of them.
-    """
-    values, errors = np.transpose(found)
-    weight = np.where(np.isfinite(errors) & (errors > 0.0), errors, 1.0) ** -2.0
-    mean = float(np.average(values, weights=weight))
-    scatter = float(weight @ (values - mean) ** 2) / max(len(values) - 1, 1)
-    return mean, float(weight.sum() ** -0.5) * max(scatter, 1.0) ** 0.5

@@ -187,10 +187,18 @@ def _told(one: Candidate) -> str:
 def sizes_text(one: Candidate, sign: str = " ") -> str:
     """Write the parameters of a candidate, as far as the data tell them."""
     known = {name: size for name, size in one.sizes.items() if math.isfinite(size.value)}
-    return ", ".join(f"{name}{sign}{_text(size)}" for name, size in known.items())
+    if one.sizes and not known:
+        return f"{listed(list(one.sizes))} not determined"
+    return ", ".join(f"{name}{_text(size, sign)}" for name, size in known.items())
 
 
-def _text(size: Size) -> str:
+def _text(size: Size, sign: str) -> str:
     unit = "" if size.unit in ("", "1") else f" {size.unit}"
-    error = f" ± {size.se:.2g}" if size.se == size.se else ""
-    return f"{size.value:.3g}{error}{unit}"
+    if size.wheels:
+        each = [f"{wheel} {_plus_minus(*pair)}" for wheel, *pair in size.wheels]
+        return f" differs between wheels: {listed(each)}{unit}"
+    return f"{sign}{_plus_minus(size.value, size.se)}{unit}"
+
+
+def _plus_minus(value: float, se: float) -> str:
+    return f"{value:.3g} ± {se:.2g}" if se == se else f"{value:.3g}"  # noqa: PLR0124 - NaN

@@ -1,6 +1,6 @@
 """The joint posterior of c and tan φ on a grid, and with all other parameters of a window.
 
-Lines of the grid have one φ, columns one strength c + σ* tan φ at the pivot σ* = −cov(c, tan φ)/var tan φ:
+Lines of the grid have one φ, columns one strength c + σ tan φ at the pivot σ = −cov(c, tan φ)/var tan φ:
 that strength and tan φ are not correlated, so that a narrow valley lies along the grid, not across it.
 
 From the estimate outwards −2 log density is q ρ. q is the square of the distance in terms of the table's
@@ -39,7 +39,7 @@ class JointGrid:
 
     tan_phi: Array  # Shape (a,): of the lines
     strength: Array  # Shape (b,): of the columns: c + `pivot` tan φ, Pa
-    pivot: float  # σ* in Pa
+    pivot: float  # In Pa
     log_density: Array  # Shape (a, b): of c and tan φ; 0 where it is greatest
 
     @property

@@ -100,7 +100,12 @@ def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:
         "in_family": one.in_family,
         "doubt": one.doubt or None,
         "parameters": {
-            name: {"value": known(size.value), "se": known(size.se), "unit": size.unit}
+            name: {
+                "value": known(size.value),
+                "se": known(size.se),
+                "unit": size.unit,
+                "wheels": {name: {"value": value, "se": known(se)} for name, value, se in size.wheels},
+            }
             for name, size in one.sizes.items()
         },
     }

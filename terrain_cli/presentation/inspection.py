@@ -155,7 +155,8 @@ def _wheel(
     entry["missing"] = [
         {"what": lack.what, "because": rover_advice.because(layout, raw.wheel, lack)} for lack in lacks
     ]
-    entry["remarks"] = raw.remarks
+    pull = rover_advice.pull(layout, raw.wheel, raw.feeds)
+    entry["remarks"] = [*raw.remarks, *pull]
     if lacks:
         return entry
     try:
@@ -166,7 +167,7 @@ def _wheel(
         entry["rover_toml"] = error.hint.partition("\n")[2]
         return entry
     # What is doubtful shows only once it was judged.
-    entry["remarks"] = judged.remarks[len(source.remarks) :]
+    entry["remarks"] = [*judged.remarks[len(source.remarks) :], *pull]
     entry |= {"used": len(judged.usable), "set_aside": judged.reasons()}
     entry["stretches"] = len(np.unique(judged.stretch[judged.usable]))
     if judged.distance is not None and len(judged):

@@ -11,7 +11,7 @@ import numpy as np
 from terrain_cli.estimation import WindowEstimates, assumed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence, Sized
+    from collections.abc import Iterable, Sequence, Sized
 
     from numpy.typing import NDArray
 
@@ -60,6 +60,8 @@ _POSTERIOR = (
     *("parameter", "unit", "value", "se", "prior", "prior_sd", "other", "covariance", "correlation"),
 )
 _POSTERIOR_TEXTS = ("parameter", "unit", "other")
+#: Of a window, as a share of its labelled samples, from which on a label is named.
+_SHARE_NAMED = 0.1
 
 
 def table(windows: Windows, estimates: WindowEstimates) -> Table:
@@ -114,7 +116,7 @@ def _texts(values: NDArray[np.str_]) -> list[str]:
 
 
 def _terrain(windows: Windows) -> list[str]:
-    """Return the label that most samples of each window carry."""
+    """Return the labels of each window: those of a tenth of its labelled samples or more, joined by "+"."""
     labels = windows.samples.labels.get("terrain")
     if labels is None:
         return [""] * len(windows)
@@ -122,8 +124,24 @@ def _terrain(windows: Windows) -> list[str]:
     result = []
     for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):
         known = codes[start:stop][codes[start:stop] >= 0]
-        result.append(labels.names[np.bincount(known).argmax()] if len(known) else "")
+        counts = np.bincount(known)
+        # A few samples of a neighbour say that a bound is a little off, not that two soils are one.
+        held = np.flatnonzero(counts >= max(_SHARE_NAMED * len(known), 1))
+        result.append(intern("+".join(labels.names[code] for code in held)))
     return result
+
+
+def several_terrains(windows: Windows, table: Table) -> set[str]:
+    """Return what the table calls windows of more than one label."""
+    labels = windows.samples.labels.get("terrain")
+    return set() if labels is None else {*table["terrain"]} - {"", *labels.names}
+
+
+def told_of_terrains(wheel: str, names: Iterable[str]) -> list[str]:
+    """Say that windows hold more than one label, if there are any."""
+    listed = ", ".join(sorted(names))
+    told = f"wheel {wheel}: segments hold samples of more than one terrain ({listed})"
+    return [f"{told}; --segments terrain keeps them apart"] if listed else []
 
 
 def _rejected(windows: Windows) -> Index:

@@ -168,18 +168,24 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
 
 def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
     return [
-        ("terrain", "wheel", "windows", "separable", "samples", "distance", *_HEADS),
+        ("terrain", "wheel", "windows", "separable", "samples", "distance", "status", *_HEADS),
         *(
             (
                 entry["terrain"] or "–",
                 entry["wheel"],
                 *(str(entry[name]) for name in ("segments", "separable", "samples")),
                 _metres(entry["distance_m"]),
+                _statuses(entry["status"]),
                 *_estimates(entry["pooled"]),
             )
             for entry in entries
         ),
     ]
+
+
+def _statuses(counts: Mapping[str, int]) -> str:
+    """Write the one status of windows, or how many have which."""
+    return ", ".join(counts if len(counts) == 1 else (f"{n} {name}" for name, n in counts.items()))
 
 
 def _segment_rows(table: Table) -> list[tuple[str, ...]]:

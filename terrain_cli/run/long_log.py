@@ -116,6 +116,7 @@ class LongWheel:
         self._rows = self._used = 0
         self._reasons: Counter[str] = Counter()
         self.windows = 0  # How many windows there are
+        self._mixed: set[str] = set()
         #: That of the first reach, for all of them.
         self._stress = settings.stress
         self._tables: list[segment_table.Table] = []
@@ -176,6 +177,7 @@ class LongWheel:
         if len(cut):
             self._stress = float(fitted.estimates.stress[0])
         table = segment_table.table(cut, fitted.estimates)
+        self._mixed |= segment_table.several_terrains(cut, table)
         behind = np.add.reduceat(cut.samples.drivers[BEHIND], cut.bounds[:-1]).astype(np.intp)
         behind[0] += self._before
         self._before = 0
@@ -208,6 +210,7 @@ class LongWheel:
         if self._cut:
             often = f"every {LONGEST:,} samples or so ({self._cut} times)"
             remarks.append(f"{the_wheel(self._first.wheel)}: a soil that goes on is cut {often}")
+        remarks += segment_table.told_of_terrains(self._first.wheel, self._mixed)
         return account(self._first, self._rows, self._used, dict(self._reasons.most_common()), remarks)
 
 

@@ -96,6 +96,9 @@ def run(
         stress = estimators.common_stress(stress, fitted)
         outcome.account["wheels"][-1]["model"] = fitted.account
         tables.append(segment_table.table(cut, fitted.estimates))
+        mixed = segment_table.several_terrains(cut, tables[-1])
+        remarks = [*samples.remarks, *segment_table.told_of_terrains(samples.wheel, mixed)]
+        outcome.account["wheels"][-1]["remarks"] = remarks
         outcome.estimates.append(fitted.estimates)
         if settings.method == "recursive":
             outcome.trace.append(segment_table.trace(cut))

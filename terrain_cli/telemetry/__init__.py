@@ -14,7 +14,7 @@ from terrain_cli.telemetry.long_logs import PartReader, excerpt, in_parts
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.usable_samples import Condition
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
@@ -140,7 +140,8 @@ def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
         for name in raw.channels.keys() & set(PREDICTED):
             if not np.isfinite(raw.channels[name]).any():
                 del raw.channels[name]
-                raw.remarks.append(f"{name}: {raw.feeds[name]} holds no value: taken as not measured")
+                told = f"{name}: {raw.feeds[name]} holds no number: taken as not measured"
+                raw.remarks.append(Notice(told))
     check(request, raws)
     result = []
     while raws:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -31,6 +32,8 @@ SOURCES = (
     *("motor_current", "motor_temperature", "x", "y", "longitude", "latitude"),
 )
 MOST = 8  # More names than this help nobody
+#: In the name of a column that may be the drawbar pull.
+_PULL = re.compile(r"tract(ive|ion)|drawbar|thrust|(^|[^a-z])(pull|dp|fx)($|[^a-z])", re.IGNORECASE)
 
 
 class Lack(NamedTuple):
@@ -189,6 +192,20 @@ def proposals(plan: Plan, wheel: str, channel: str) -> list[str]:
     fitting = [name for name in plan.extras if stated_unit(name, dimension)]
     symbol = units.si(dimension).symbol
     return [f'{channel} = {{ column = "…", unit = "{symbol}" }}{_one_of(fitting)}']
+
+
+def pull(plan: Plan, wheel: str, channels: Collection[str]) -> list[str]:
+    """Say which columns of forces may be the drawbar pull, if none is read: `estimate` works without it."""
+    found = {
+        name: unit for name in plan.extras if _PULL.search(name) and (unit := stated_unit(name, "force"))
+    }
+    if "drawbar_pull" in channels or not found:
+        return []
+    column, symbol = next(
+        (toml_files.value(name), toml_files.value(unit.symbol)) for name, unit in found.items()
+    )
+    line = f"{header(plan, wheel, 'drawbar_pull')} drawbar_pull = {{ column = {column}, unit = {symbol} }}"
+    return [f"no drawbar pull is read; if {_some(list(found))} is one, write into rover.toml: {line}"]
 
 
 def header(plan: Plan, wheel: str, channel: str) -> str:

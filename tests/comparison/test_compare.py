@@ -199,3 +199,14 @@ def test_one_soil_is_fitted_to_each_terrain_between_segments():
     compared = compare([all_of(replace(samples, labels={"terrain": terrain}), bounds)], Model())
     assert compared.failures == []
     assert compared.wheels[0].drivers["terrain"].labels == ("sand", "gravel")
+
+
+def test_drivers_are_without_the_noise_that_is_in_the_predictions():
+    samples = samples_of(1, Kind())
+    (wheel,) = compare([all_of(samples)], Model()).wheels
+    for channel, driver in (("torque", "sinkage"), ("sinkage", "load")):
+        residual = wheel.series[channel].measured - wheel.series[channel].predicted
+        columns = (samples.channels[driver], wheel.drivers[driver].values)
+        measured, shown = (abs(np.corrcoef(residual, column)[0, 1]) for column in columns)
+        assert shown < 0.1 * measured, (channel, driver)
+        assert measured > 0.2, (channel, driver)

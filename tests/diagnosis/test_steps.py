@@ -290,15 +290,6 @@ def test_where_the_soil_changes_passes_cannot_be_told():
     assert "the soil changes along this drive" in passes.because
 
 
-def test_wheels_that_differ_by_more_than_their_errors_make_the_mean_less_sure():
-    alike = [(0.31, 0.02), (0.29, 0.02), (0.30, 0.02), (0.30, 0.02)]
-    assert steps.pooled(alike) == pytest.approx((0.30, 0.01))
-    assert steps.pooled(alike[:1]) == pytest.approx((0.31, 0.02))
-    mean, se = steps.pooled([(0.0, 0.002), (0.3, 0.002), (0.0, 0.002), (0.0, 0.002)])
-    # The standard error of four numbers.
-    assert (mean, se) == pytest.approx((0.075, np.std([0.0, 0.3, 0.0, 0.0], ddof=1) / 2.0))
-
-
 def test_a_driver_that_is_on_or_off_has_one_form():
     flag, both = np.repeat([0.0, 1.0, np.nan], 40), np.repeat([0.0, 1.0, 2.0], 40)
     assert drafted_laws._on_or_off(flag)

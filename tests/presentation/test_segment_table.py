@@ -97,7 +97,14 @@ def test_a_site_frame_takes_no_reference_system():
     assert segment_table.reference_system(globe, None) == "EPSG:4326"
 
 
-def test_the_terrain_of_a_window_is_the_label_of_most_of_its_samples():
-    of = samples([-1] * 5)
-    of.labels["terrain"] = Labels(np.array([0, 1, 1, -1, -1], dtype=np.int32), ("sand", "rock"))
-    assert segment_table._terrain(windows(of, 3)) == ["rock", ""]
+def test_a_window_is_called_by_every_label_that_many_of_its_samples_carry():
+    of = samples([-1] * 27)
+    codes = np.array([1] * 11 + [0] + [0, 1, 1] + [-1] * 2 + [-1, 0] + [1] * 8, dtype=np.int32)
+    of.labels["terrain"] = Labels(codes, ("sand", "rock"))
+    cut = windows(of, 12, 15, 17, 19)
+    names = segment_table._terrain(cut)
+    assert names == ["rock", "sand+rock", "", "sand", "rock"]
+    assert segment_table.several_terrains(cut, {"terrain": names}) == {"sand+rock"}
+    (told,) = segment_table.told_of_terrains("front", {"sand+rock"})
+    assert "(sand+rock); --segments terrain" in told
+    assert segment_table.told_of_terrains("front", set()) == []

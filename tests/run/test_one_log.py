@@ -1,10 +1,12 @@
-"""One log: how far the work has come is told on the way."""
+"""One log: how far the work has come is told on the way, and what became of its labels."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import pytest
 
 from terrain_cli import rover
 from terrain_cli.run import long_log, one_log
@@ -43,3 +45,18 @@ def test_a_long_log_moves_on_with_its_rows(monkeypatch):
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     assert steps[-1] == f"{rows:,} samples"
+
+
+@pytest.mark.parametrize("most", [1_000, 10_000_000])
+def test_labels_that_share_a_segment_are_both_named_and_told_of(tmp_path, monkeypatch, most):
+    monkeypatch.setattr(long_log, "MOST_ROWS", most)
+    monkeypatch.setattr(long_logs, "ROWS", 400)
+    table = pd.read_csv(SAMPLE / "run.csv")
+    table["terrain"] = np.where(np.arange(len(table)) // 10 % 2, "sand", "loam")
+    table.to_csv(tmp_path / "run.csv", index=False)
+    settings = Settings(method="least-squares")
+    outcome = one_log.run(str(tmp_path / "run.csv"), rover.load(SAMPLE / "rover.toml"), settings)
+    assert {*outcome.table["terrain"]} == {"loam+sand"}
+    for wheel in outcome.account["wheels"]:
+        told = [remark for remark in wheel["remarks"] if "more than one terrain (loam+sand)" in remark]
+        assert [remark.partition(":")[0] for remark in told] == [f"wheel {wheel['wheel']}"]

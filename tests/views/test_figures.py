@@ -106,7 +106,8 @@ def test_residual_of_many_samples(many):
 
 
 def test_strength(comparison):
-    figure = figures.strength(shown_segments.soil_table(comparison))
+    table = shown_segments.soil_table(comparison)
+    figure = figures.strength(table)
     drawn(figure)
     assert labels(figure) == {
         ("cohesion c (kPa)", "friction angle φ (°)"),
@@ -114,6 +115,9 @@ def test_strength(comparison):
     }
     assert {"dry sand", "sandy loam"} <= {text.get_text() for text in figure.legends[0].get_texts()}
     assert figure.axes[0].patches
+    n = len(table["wheel"])
+    alike = {"terrain": [""] * n, "wheel": ["wheel"] * n, "status": ["ok"] * n}
+    assert not figures.strength({**table, **alike}).legends
 
 
 def test_a_region_wider_than_the_axes_is_told_of(comparison):

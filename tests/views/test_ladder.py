@@ -67,4 +67,6 @@ def test_the_page_says_what_the_picture_shows():
     assert chart.title == "Held-out error of torque"
     told = {part.title: part.alt for part in section.parts if isinstance(part, report.Chart)}
     assert told["Held-out error of sinkage"].endswith("1 change: from 6 mm to 2 mm.")
+    steps = {row["step"]: row["label"] for row in chart.spec["datasets"]["data-0"]}
+    assert steps == {"2": "+ slip-sinkage"}
     assert "http" not in str([part.spec for part in section.parts if isinstance(part, report.Chart)])

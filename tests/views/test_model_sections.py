@@ -49,3 +49,17 @@ def test_pictures_hold_the_misfit_of_each_model(choices):
     }
     np.testing.assert_allclose(medians["1"], 0.5 * medians["0"], atol=1e-4)
     assert np.nanmax(np.abs(medians["0"])) > 0.3
+
+
+def test_long_names_of_models_are_told_apart_and_their_axis_fits(comparison):
+    ends = ("drivetrain-friction", "gear-efficiency")
+    begins = "wong-reece with torque-with-angular-velocity-quadratic and"
+    models = [Alternative(f"{begins} {end}", comparison, own=end == ends[0]) for end in ends]
+    charts = [part for part in model_sections.section(models).parts if isinstance(part, Chart)]
+    chart = next(one for one in charts if one.title.startswith("Held-out error of drawbar pull"))
+    for row, end in zip(chart.spec["datasets"]["data-0"], ends, strict=True):
+        assert max(map(len, row["label"].splitlines())) < 30
+        assert row["label"].replace("\n", " ").replace("- ", "-").endswith(f"and {end}")
+    point = chart.spec["layer"][-1]["encoding"]
+    assert point["x"]["title"] == "held-out (N)"
+    assert "split" in point["y"]["axis"]["labelExpr"]

@@ -20,7 +20,7 @@ from terrain_cli import version
 from terrain_cli.diagnosis.conclusion import Asked
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.presentation import comparison_text
-from terrain_cli.views import report
+from terrain_cli.views import report, shown_segments
 from terrain_cli.views.report import Section, Table, drive_charts, page
 
 HOSTILE = "<script>alert('1')</script>\"&{{ 7 * 7 }}</textarea>"
@@ -132,7 +132,7 @@ def test_a_model_that_fits_says_so(run):
 
 def test_error_is_given_in_terms_of_its_noise(comparison, outline):
     torque = comparison.channels["torque"]
-    assert f"{torque.heldout_rmse / torque.noise:.2g} ×" in outline.texts["td"]
+    assert f"{torque.heldout_rmse / torque.noise:.2f} ×" in outline.texts["td"]
 
 
 def test_no_picture_has_one_quantity_on_both_axes(text):
@@ -256,6 +256,20 @@ def test_steady_points_are_shown_along_slip_and_not_joined(run):
     for wheel in points.wheels:
         wheel.samples.time = None
     assert courses(page(points)) == {("slip i", "point")}
+
+
+def test_units_of_headings_are_not_broken(outline):
+    assert "misfit of T (N\N{NO-BREAK SPACE}m)" in outline.texts["th"]
+
+
+def test_one_name_for_all_segments_is_no_legend(comparison):
+    table = shown_segments.soil_table(comparison)
+    table |= {"name": shown_segments.names(table), "key": list(map(str, range(len(table["segment"]))))}
+    alike = {**table, "terrain": [""] * len(table["wheel"]), "wheel": ["wheel"] * len(table["wheel"])}
+    for draw in (drive_charts.estimates, drive_charts.strength):
+        assert '"legend": null' not in json.dumps(draw(table, "0"))
+        drawn = json.dumps(draw(alike, "0"))
+        assert drawn.count('"scale": {"domain": ["all segments"]') == drawn.count('"legend": null') > 0
 
 
 def test_label_is_a_driver_by_name(text):

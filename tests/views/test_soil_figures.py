@@ -62,6 +62,19 @@ def test_a_prior_is_drawn_where_it_matters(wheel):
         assert ("68 % of what is known beforehand" in entries) == said
 
 
+def test_the_legend_of_one_segment_fits_and_its_stress_is_not_that_of_the_table(wheel):
+    table, posterior = wheel
+    rows = np.flatnonzero(np.asarray(posterior["segment"]) == 1)
+    one = {name: np.asarray(values)[rows] for name, values in posterior.items()}
+    with mpl.rc_context(chart_style.SETTINGS):
+        figure = figures.valleys({**one, "prior": one["value"], "prior_sd": one["se"]}, table)
+        FigureCanvasAgg(figure).draw()
+        legend = figure.legends[0].get_window_extent()
+    assert len(figure.axes) == 1
+    assert 0.0 <= legend.x0 < legend.x1 <= figure.bbox.x1
+    assert "σ*" not in figure.axes[0].get_title(loc="left") + figure.axes[0].get_title()
+
+
 def test_no_grid_no_picture(wheel):
     table, posterior = wheel
     rows = [j for j, kind in enumerate(posterior["kind"]) if kind == "parameter"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 MOST_DRAWN = 500
 #: Drivers in one picture.
 MOST_DRIVERS = 9
+#: Characters in a line of the parameters of a candidate.
+_LINE = 56
 #: Candidates of a diagnosis, the best first.
 MOST_CANDIDATES = 12
 #: Of wheels, under a median.
@@ -160,7 +163,9 @@ def candidates(found: Diagnosis) -> Figure | None:
     fitted = [one for one in found.candidates if one.refitted][:MOST_CANDIDATES]
     if not fitted:
         return None
-    figure = Picture(figsize=(8.6, 1.5 + 0.42 * len(fitted)))
+    sizes = [fill(sizes_text(one), _LINE) for one in fitted]
+    lines = 2 + max(size.count("\n") for size in sizes)
+    figure = Picture(figsize=(8.6, 1.5 + (0.12 + 0.15 * lines) * len(fitted)))
     explained, loss = figure.subplots(1, 2, sharey=True)
     place = np.arange(len(fitted))
     inks = [COLOURS[0] if one.in_family else FAINT for one in fitted]
@@ -172,7 +177,7 @@ def candidates(found: Diagnosis) -> Figure | None:
     loss.axvline(0.0, color=INK, linewidth=0.8)
     loss.set_xlabel("change of the held-out loss, 95 %\n(noise variances per sample)")
     doubts = [f" ({one.doubt})" if one.doubt else "" for one in fitted]
-    names = [f"{one.effect}{doubt}\n{sizes_text(one)}" for one, doubt in zip(fitted, doubts, strict=True)]
+    names = [f"{one.effect}{doubt}\n{size}" for one, doubt, size in zip(fitted, doubts, sizes, strict=True)]
     explained.set_yticks(place, names)
     explained.invert_yaxis()
     for axes in (explained, loss):

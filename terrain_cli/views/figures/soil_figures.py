@@ -60,11 +60,13 @@ def strength(table: Mapping[str, Any]) -> Figure:
     handles = [
         Line2D([], [], color=COLOURS[j], marker=MARKERS[j], linestyle=LINES[j], label=kind)
         for j, kind in enumerate(kinds)
+        if len(kinds) > 1  # One name for all tells nothing apart.
     ]
     if any(status != "ok" for status in table["status"]):
         hollow: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white"}
         handles.append(Line2D([], [], color="black", label="hollow, dotted: status not ok", **hollow))
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     return figure
 
 
@@ -216,7 +218,7 @@ def valleys(posterior: Posterior, table: Mapping[str, Any]) -> Figure | None:
         there = there[np.round(np.linspace(0, len(there) - 1, MOST_VALLEYS)).astype(int)]
     columns = min(3, len(there))
     rows = math.ceil(len(there) / columns)
-    figure = Figure(figsize=(max(2.9 * columns, 4.2), 2.7 * rows + 0.8))
+    figure = Figure(figsize=(max(2.9 * columns, 4.6), 2.7 * rows + 0.8))
     panels = figure.subplots(rows, columns, squeeze=False)
     for axes in panels.flat[len(there) :]:
         axes.remove()
@@ -231,7 +233,7 @@ def valleys(posterior: Posterior, table: Mapping[str, Any]) -> Figure | None:
             [], [], color=INK, marker="o", markersize=4.0, linestyle="none", label="estimate (hollow: not ok)"
         ),
         Line2D([], [], color=FAINT, linewidth=0.9, linestyle="--", label="95 % by its standard errors"),
-        Line2D([], [], color=COLOURS[1], label="same strength at the pivot stress σ*"),
+        Line2D([], [], color=COLOURS[1], label="same strength at the pivot stress"),
     ]
     if any(drawn):
         handles.append(
@@ -279,7 +281,7 @@ def _panel(axes: Axes, posterior: Posterior, rows: Index, table: Mapping[str, An
     _mark(axes, table, row, INK, marker="o", markersize=4.0)
     terrain = f", {table['terrain'][row]}" if table["terrain"][row] else ""
     axes.set(xlim=limits[0], ylim=limits[1], xlabel="cohesion c (kPa)", ylabel="friction angle φ (°)")
-    stress = f", σ* = {pivot:.3g} kPa" if pivot > 0.0 else ""
+    stress = f", pivot at {pivot:.3g} kPa" if pivot > 0.0 else ""
     axes.set_title(f"segment {segment}{terrain}\n{table['status'][row]}{stress}", fontsize=8.0)
     return with_prior
 

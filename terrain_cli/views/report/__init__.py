@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -62,6 +63,7 @@ def page(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    environment.filters["unbroken"] = lambda text: re.sub(r" (?=[^(]*\))", "\N{NO-BREAK SPACE}", text)
     environment.tests["chart"] = lambda part: isinstance(part, Chart)
     progress("page")
     return environment.from_string(here.joinpath("page.html").read_text("utf-8")).render(

@@ -115,7 +115,7 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
         y=y,
         # What the drive does not settle is faint.
         opacity=alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35)),
-        shape=alt.Shape("kind:N", title=None, scale=_by_kind(_SHAPES, kinds)),
+        shape=alt.Shape("kind:N", scale=_by_kind(_SHAPES, kinds), legend=_legend(kinds)),
         color=_colour(kinds),
         tooltip=[
             *tips(name="segment", x="c (kPa)", xe="± s.e.", y="φ (°)", ye="± s.e. (°)"),
@@ -174,7 +174,7 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
         detail=alt.Detail("s:N"),
         tooltip=tips(name="segment", x="σ (kPa)", y="strength (kPa)", low="95 % from", high="to"),
     )
-    dashes = alt.StrokeDash("kind:N", title=None, scale=_by_kind(_DASHES, kinds))
+    dashes = alt.StrokeDash("kind:N", scale=_by_kind(_DASHES, kinds), legend=_legend(kinds))
     marked = base.transform_filter("datum.s == segment")
     layers = [
         base.mark_line(strokeWidth=1.2, clip=True)
@@ -196,7 +196,12 @@ def _by_kind(choices: Sequence[Any], kinds: Sequence[str]) -> alt.Scale:
 
 
 def _colour(kinds: Sequence[str]) -> alt.Color:
-    return alt.Color("kind:N", title=None, scale=_by_kind(COLOURS, kinds))
+    return alt.Color("kind:N", scale=_by_kind(COLOURS, kinds), legend=_legend(kinds))
+
+
+def _legend(kinds: Sequence[str]) -> alt.Legend | None:
+    """Return none where all are of one kind: one name for all tells nothing apart."""
+    return alt.Legend(title=None, symbolOpacity=1.0) if len(set(kinds)) > 1 else None
 
 
 def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
@@ -248,9 +253,7 @@ def _timeline(
     # With a margin: the band of a lone segment would be the whole picture.
     ends_shown = scale(*shown_samples.limits(ends, margin=0.1))
     y = alt.Y("y:Q", title=title, scale=ends_shown)
-    # One name for all is no legend.
-    legend = alt.Legend(title=None, symbolOpacity=1.0) if len(set(kinds)) > 1 else None
-    colour = alt.Color("kind:N", scale=_by_kind(COLOURS, kinds), legend=legend)
+    colour = _colour(kinds)
     # What is not ok is faint, as in the other pictures.
     opacity = alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35))
     band = base.mark_rect(opacity=0.16, clip=True).encode(
@@ -281,7 +284,7 @@ def course(
         )
         .transform_filter("datum.s == segment")
         .encode(
-            x=alt.X("x:Q", title=axis, scale=alt.Scale(zero=False, padding=0 if driven else 10)),
+            x=alt.X("x:Q", title=axis, scale=alt.Scale(zero=False, nice=False, padding=0 if driven else 10)),
             tooltip=tips(x=axis, m="measured", p="predicted"),
         )
     )
@@ -300,7 +303,7 @@ def course(
 
 
 def residual(
-    along: Along, pooled: Pairs, label: str, noise: float, keys: Text, chosen: str, *, height: int = 210
+    along: Along, pooled: Pairs, in_unit: str, noise: float, keys: Text, chosen: str, *, height: int = 210
 ) -> Spec:
     """Draw the residual against a driver: its median, the band of 5 to 95 %, the noise, the segment."""
     sheet = Sheet(chosen)
@@ -308,7 +311,7 @@ def residual(
     known = np.flatnonzero(np.isfinite(along.values))
     kept = known[shown_samples.some(len(known), MOST_BESIDE)]
     low, high = shown_samples.limits(np.percentile(values[known], [0.3, 50.0, 99.7]), np.zeros(1), margin=0.1)
-    y = alt.Y("y:Q", title=f"measured − predicted {label}", scale=scale(low, high))
+    y = alt.Y("y:Q", title=f"measured − predicted{in_unit}", scale=scale(low, high))
     if along.labels:
         x = alt.X("x:N", title=axis, sort=None, axis=alt.Axis(labelAngle=0, labelLimit=90))
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import altair as alt
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Drivers shown for each channel: those of its findings come first.
 _MOST_DRIVERS = 2
+#: Characters in a line of a model's name beside a picture.
+_LINE = 27
 _TEXT = (
     "Choose a model at the top of the page. The pictures below then show its errors and its misfit. All "
     "models are fitted to the same samples, and their errors are those on stretches that were left out of "
@@ -63,7 +66,7 @@ def _table(models: Sequence[Alternative]) -> Table:
             errors = one.comparison.channels[name]
             row += [
                 quantities.number(errors.heldout_rmse * what.factor),
-                quantities.number(errors.heldout_rmse / errors.noise, 2) if errors.noise > 0.0 else "–",
+                f"{errors.heldout_rmse / errors.noise:.2f}" if errors.noise > 0.0 else "–",
             ]
     note = (
         "Noise is estimated with each model: the part of the error that it treats as unpredictable. A wrong "
@@ -76,13 +79,18 @@ def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
     keys = [str(key) for key in range(len(models))]
     held_out = [one.comparison.channels[name] for one in models]
     sheet = Sheet(str(_own(models)), "model")
-    labels = [one.label for one in models]
+    # Models differ at the end of their names, which must be seen. Empty lines keep short ones in the middle.
+    wrapped = [wrap(one.label, _LINE) for one in models]
+    lines = max(map(len, wrapped))
+    labels = ["\n" * ((lines - len(one)) // 2) + "\n".join(one) for one in wrapped]
     value, low, high, noise = (
         [getattr(one, column) * what.factor for one in held_out]
         for column in ("heldout_rmse", "heldout_low", "heldout_high", "noise")
     )
-    title = f"held-out error of {what.label}"
-    y = alt.Y("label:N", sort=None, title=None, axis=alt.Axis(labelLimit=220))
+    # Short: names take the half of the width.
+    title = f"held-out{what.in_unit}"
+    names = alt.Axis(labelLimit=220, labelOffset=-6.5 * (lines - 1), labelExpr=r"split(datum.label, '\n')")
+    y = alt.Y("label:N", sort=None, title=None, axis=names)
     colour = alt.when("datum.k == model").then(alt.value(CHOSEN)).otherwise(alt.value(COLOURS[0]))
     base = sheet.chart(label=labels, k=keys, value=value, low=low, high=high, noise=noise)
     base = base.encode(y=y, color=colour)
@@ -98,7 +106,7 @@ def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
     return Chart(
         f"Held-out error of {what.words} (tick: noise)",
         f"Held-out rms error of {what.words}{what.in_unit} of each model. {every}.",
-        sheet.finished(layers, 40 + 26 * len(models)),
+        sheet.finished(layers, 40 + (13 + 13 * lines) * len(models)),
     )
 
 
@@ -121,19 +129,19 @@ def _misfits(models: Sequence[Alternative], name: str, what: Quantity) -> list[C
                 f"Misfit of {what.words} against {along.quantity.words}, by model",
                 f"Median and 5 to 95 % of measured less predicted {what.words} over {along.quantity.words}, "
                 "for the model that is chosen; the dotted line is the median of the model of this page.",
-                _misfit(bands, along.quantity.label, what.label, str(_own(models))),
+                _misfit(bands, along.quantity.label, what.in_unit, str(_own(models))),
             )
         )
     return charts
 
 
-def _misfit(bands: Sequence[Band], axis: str, label: str, own: str) -> Spec:
+def _misfit(bands: Sequence[Band], axis: str, in_unit: str, own: str) -> Spec:
     sheet = Sheet(own, "model")
     columns = [np.concatenate(column) for column in zip(*bands, strict=True)]
     key = np.repeat(np.arange(len(bands)).astype(str), [len(one.centre) for one in bands])
     centre, low, median, high = columns
     y = alt.Y(
-        "median:Q", title=f"measured − predicted {label}", scale=scale(*shown_samples.limits(low, high))
+        "median:Q", title=f"measured − predicted{in_unit}", scale=scale(*shown_samples.limits(low, high))
     )
     x = alt.X("x:Q", title=axis, scale=scale(*shown_samples.limits(centre)))
     every = sheet.chart(x=centre, low=low, median=median, high=high, k=key).encode(x=x)
@@ -157,7 +165,10 @@ def history(entries: Sequence[Mapping[str, Any]]) -> Section:
         return Section(id="history", title="How the model came about")
     ladder = rungs(entries)
     head, rows = change_text.ladder(ladder)
-    note = "rms errors on stretches of the data that were not fitted, before and after each change."
+    note = (
+        "rms errors when the change was tried, on the stretches that were left out then. The rest of this "
+        "page leaves out others, on which the errors of the same model differ a little."
+    )
     head = [word.capitalize() for word in head]
     table = Table("Held-out errors, change by change", head, rows, frozenset(range(3, 8)), note)
     charts = [_rungs(ladder, name) for name in channels(ladder)]
@@ -180,15 +191,16 @@ def _rungs(ladder: Sequence[Rung], name: str) -> Chart:
 def _ladder(ladder: Sequence[Rung], name: str) -> Spec:
     known = measured(ladder, name)
     what = quantities.quantity(name, known[0][1].unit)
-    steps = [f"{rung.number} {rung.label}" for rung, _ in known]
-    columns: dict[str, list[Any]] = {"step": [], "when": [], "value": [], "low": [], "high": []}
-    for step, (_, one) in zip(steps, known, strict=True):
+    steps = [str(rung.number) for rung, _ in known]
+    columns: dict[str, list[Any]] = {n: [] for n in ("step", "label", "when", "value", "low", "high")}
+    for step, (rung, one) in zip(steps, known, strict=True):
         for when, interval in (("before", one.before), ("after", one.after)):
             numbers = (v * what.factor for v in interval)
-            for column, cell in zip(columns.values(), (step, when, *numbers), strict=True):
+            for column, cell in zip(columns.values(), (step, rung.label, when, *numbers), strict=True):
                 column.append(cell)
     sheet = Sheet()
-    x = alt.X("step:N", sort=None, title=None, axis=alt.Axis(labelAngle=-25, labelLimit=200))
+    # By their numbers: names as long as some are do not fit under several steps.
+    x = alt.X("step:N", sort=None, title="change, as numbered above", axis=alt.Axis(labelAngle=0))
     aside = alt.XOffset("when:N", sort=["before", "after"], scale=alt.Scale(paddingOuter=0.6))
     # Of one title and one domain, so that they share a legend.
     sides: dict[str, Any] = {"domain": ["before", "after"]}
@@ -199,7 +211,7 @@ def _ladder(ladder: Sequence[Rung], name: str) -> Spec:
     }
     title = f"rms error{what.in_unit}"
     y = alt.Y("value:Q", title=title, scale=scale(0.0, top(known) * what.factor))
-    told = tips(step="change", when=" ", value="held-out error", low="2.5 %", high="97.5 %")
+    told = tips(label="change", when=" ", value="held-out error", low="2.5 %", high="97.5 %")
     base = sheet.chart(**columns).encode(x=x, xOffset=aside)
     bars = base.mark_rule(color=COLOURS[0], clip=True).encode(
         y=alt.Y("low:Q", title=title), y2=alt.Y2("high:Q")

@@ -105,6 +105,8 @@ _SETTINGS: Spec = {
         "titleFontSize": 12,
         "titleFontWeight": "normal",
     },
+    # What would reach beyond the picture is left out.
+    "axisX": {"labelBound": 4},
     "legend": {
         "labelColor": INK,
         "labelFontSize": 11,

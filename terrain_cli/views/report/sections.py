@@ -152,7 +152,7 @@ def _errors(comparison: Comparison) -> Table:
             )
         )
         interval = out if low == "–" else f"{out} ({low} to {high})"
-        ratio = f"{quantities.number(errors.heldout_rmse / errors.noise, 2)} ×" if errors.noise > 0.0 else "–"
+        ratio = f"{errors.heldout_rmse / errors.noise:.2f} ×" if errors.noise > 0.0 else "–"
         normalised = quantities.number(errors.nrmse)
         rows.append((what.label, ratio, interval, noise, rms, bias, normalised, f"{errors.n:,}"))
     head = (
@@ -254,7 +254,9 @@ def _agreement(content: _Content) -> Section:
         if any("time" in wheel.drivers for wheel in comparison.wheels):
             along = shown_samples.driver(comparison, "time", pooled)
             noise = comparison.channels[name].noise * what.factor
-            chart = drive_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
+            chart = drive_charts.residual(
+                along, pooled, what.in_unit, noise, keys, content.chosen, height=320
+            )
             title = f"Misfit of {what.words} along the drive"
             parts.append(Chart(title, _described(along, pooled.residual, what), chart, wide=True))
         few = pooled.take(_few_of_each(pooled.segment, content.kept))
@@ -328,7 +330,7 @@ def _failures(content: _Content) -> Section:
                 Chart(
                     f"Misfit of {what.words} against {along.quantity.words}",
                     _described(along, pooled.residual, what),
-                    drive_charts.residual(along, pooled, what.label, noise, keys, content.chosen),
+                    drive_charts.residual(along, pooled, what.in_unit, noise, keys, content.chosen),
                 )
             )
     legend = (

@@ -1,0 +1,41 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from terrain_cli.diagnosis import effect_sizes, verdict
+from terrain_cli.diagnosis.diagnosis_outcome import Size
+
+
+def test_wheels_that_differ_by_more_than_their_errors_make_the_mean_less_sure():
+    alike = [(0.31, 0.02), (0.29, 0.02), (0.30, 0.02), (0.30, 0.02)]
+    assert effect_sizes.pooled(alike) == pytest.approx((0.30, 0.01))
+    assert effect_sizes.pooled(alike[:1]) == pytest.approx((0.31, 0.02))
+    mean, se = effect_sizes.pooled([(0.0, 0.002), (0.3, 0.002), (0.0, 0.002), (0.0, 0.002)])
+    # The standard error of four numbers.
+    assert (mean, se) == pytest.approx((0.075, np.std([0.0, 0.3, 0.0, 0.0], ddof=1) / 2.0))
+
+
+def test_wheels_are_told_apart_where_their_errors_do_not_explain_the_difference():
+    front, rear = effect_sizes.differing({"front": [(1.5, 0.05)], "rear": [(0.06, 0.06)]})
+    assert (front[0], rear[0]) == ("front", "rear")
+    assert (*front[1:], *rear[1:]) == pytest.approx((1.5, 0.05, 0.06, 0.06))
+    assert effect_sizes.differing({"front": [(1.5, 0.05)], "rear": [(1.4, 0.06)]}) == []
+    assert effect_sizes.differing({"front": [(1.5, 0.05)], "rear": []}) == []
+
+
+def said(**sizes):
+    return verdict.sizes_text(SimpleNamespace(sizes=sizes), " = ")
+
+
+def test_a_mean_that_no_wheel_has_is_not_told():
+    each = (("front", 1.52, 0.046), ("rear", 0.056, 0.056))
+    told = said(Tc=Size(0.878, 0.75, "N m", each), Bv=Size(-0.01, 0.037, "N m s/rad"))
+    front_and_rear = "front 1.52 ± 0.046 and rear 0.056 ± 0.056 N m"
+    assert told == f"Tc differs between wheels: {front_and_rear}, Bv = -0.01 ± 0.037 N m s/rad"
+
+
+def test_parameters_that_the_data_leave_open_are_named():
+    assert said(c1=Size(np.nan, np.nan, "1"), c2=Size(np.nan, np.nan, "1")) == "c1 and c2 not determined"
+    assert said(c1=Size(0.4, 0.1, "1"), c2=Size(np.nan, np.nan, "1")) == "c1 = 0.4 ± 0.1"
+    assert said() == ""
