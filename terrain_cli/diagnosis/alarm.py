@@ -56,11 +56,16 @@ def of_gain_in_most(gain: Array) -> float:
     blocks, weighed alike beyond the median.
     """
     usual = float(np.median(np.abs(gain)))
-    if usual <= 0.0:
-        return of_gain(gain)
-    # However alike the gains of a few blocks are: so often chance has all of them gain.
-    least = 0.5 ** len(gain) if len(gain) < _FEW else 0.0
-    return max(min(of_gain(gain), of_gain(gain / (usual + np.abs(gain)))), least)
+    return min(of_gain(gain), of_gain(gain / (usual + np.abs(gain)))) if usual > 0.0 else of_gain(gain)
+
+
+def of_gain_of_points(gain: Array) -> float:
+    """Return the same for steady points: no less than how often chance has all of them gain.
+
+    The scores of a drive rest on many short stretches besides; those of a few points on nothing else, and
+    where their noise is not known they are weighed so that their gains are alike.
+    """
+    return max(of_gain_in_most(gain), 0.5 ** len(gain))
 
 
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:

@@ -39,7 +39,7 @@ class Evidence:
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
     share: float = math.nan  # Of the misfit, that the best of them explains
-    leaves: bool = False  # What the best of them leaves is more than noise
+    leaves: bool = False  # The best of them leaves much of an error, beyond the noise
     closest: str = (
         ""  # Where the alarm is silent: an effect that explains most of the misfit, by chance or not
     )
@@ -117,7 +117,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         verdict=found.verdict,
         family=family,
         share=first.explained if first else math.nan,
-        leaves=first is not None and bool(_above(_ratios(found.comparison, first.heldout))),
+        leaves=first is not None and _leaves(found.comparison, first.heldout),
         closest=most.effect if most is not None and likely else "",
         together=found.together,
         law=_law(law) if law else "",
@@ -144,6 +144,12 @@ def _ratios(comparison: Comparison, errors: Mapping[str, float] | None = None) -
         else math.nan
         for name, one in comparison.channels.items()
     }
+
+
+def _leaves(comparison: Comparison, errors: Mapping[str, float]) -> bool:
+    """Tell whether errors of another model are more than noise, by much of what those of this one are."""
+    before, after = _ratios(comparison), _above(_ratios(comparison, errors))
+    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
 
 
 def _above(ratios: Mapping[str, float]) -> dict[str, float]:

@@ -5,11 +5,7 @@ from __future__ import annotations
 from terrain_cli.vocabulary.choices import criterion
 
 """How many blocks are enough?"""
-BLOCKS_OF_ALARM = criterion(
-    6,
-    "blocks needed to raise an alarm",
-    "arithmetic: by chance, all of five blocks gain in one case of 32, which is too often",
-)
+BLOCKS_OF_ALARM = criterion(5, "blocks needed to raise an alarm")
 
 """How long is an independent stretch?"""
 SOIL_SAMPLES = criterion(40, "fitted samples of a soil needed on each side of a step")

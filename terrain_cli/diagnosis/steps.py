@@ -156,8 +156,11 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     laws = [one for one in ranked.drafts[:1] if float((one.refit.loss - least.loss).sum()) < 0.0]
     gain = ranked.base.loss - (laws[0].refit if laws else least).loss
     told = next((one for one in laws if refit_ranking.beats(one.refit, least)), None)
-    rare = criteria.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else criteria.GAINED_STEADY
-    p_value = max(before.p_value, alarm.of_gain_in_most(gain) * criteria.LEVEL / rare)
+    if any(wheel.ordered for wheel in ranked.data.wheels):
+        chance = alarm.of_gain_in_most(gain) / criteria.GAINED
+    else:
+        chance = alarm.of_gain_of_points(gain) / criteria.GAINED_STEADY
+    p_value = max(before.p_value, chance * criteria.LEVEL)
     shares = alarm.shares(ranked.data, ranked.base, told.refit if told else least)
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)

@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
     from terrain_cli.telemetry import Samples
@@ -67,19 +67,25 @@ def with_strengths(
     )
 
 
-def beyond(samples: Samples, at_stress: float) -> Iterator[str]:
-    """Say that strengths at a stress, Pa, are extrapolated, if the wheel was never near it."""
+def driven(samples: Samples) -> tuple[float, float]:
+    """Return the least and the greatest mean stress, Pa, of usable samples; NaN where none is known."""
     unknown = np.full(len(samples), np.nan)
     load, sinkage = (samples.channels.get(name, unknown)[samples.usable] for name in ("load", "sinkage"))
     stress = mean_stress(load, sinkage, samples.geometry.radius, samples.geometry.width)
     known = stress[np.isfinite(stress)]
-    if not len(known):
+    return (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+
+
+def beyond(wheel: str, several: Sequence[tuple[float, float]], at_stress: float | None) -> Iterator[str]:
+    """Say that strengths at a stress, Pa, are extrapolated, if no part of a drive was near it."""
+    known = np.array([ends for ends in several if np.isfinite(ends).all()])
+    if at_stress is None or not len(known):
         return
     low, high = known.min(), known.max()
     # A round stress, as one gets without asking, is near enough.
-    if not min(low, typical(known)) <= at_stress <= max(high, typical(known[known == high])):
+    if not min(low, typical(known[known == low])) <= at_stress <= max(high, typical(known[known == high])):
         yield (
-            f"strengths at {at_stress / 1e3:.4g} kPa are extrapolated: {the_wheel(samples.wheel)} put "
+            f"strengths at {at_stress / 1e3:.4g} kPa are extrapolated: {the_wheel(wheel)} put "
             f"{low / 1e3:.3g} to {high / 1e3:.3g} kPa on the soil, on average over the contact"
         )
 

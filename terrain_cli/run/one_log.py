@@ -78,8 +78,7 @@ def run(
         progress(f"{the_wheel(samples.wheel)}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
         used = len(samples.usable)
-        if settings.stress is not None:
-            samples.remarks += strength.beyond(samples, settings.stress)
+        samples.remarks += strength.beyond(samples.wheel, [strength.driven(samples)], settings.stress)
         told = long_log.account(samples, len(samples), used, samples.reasons(), samples.remarks)
         outcome.account["wheels"].append(told | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(segment_table.rejects(samples))
@@ -120,6 +119,7 @@ def _in_reaches(
     """Estimate a log of which no more than a reach is held."""
     # They grow until the log ends.
     remarks: dict[str, list[str]] = {}
+    driven: dict[str, list[tuple[float, float]]] = {}
     # A table of text does not say how long it is.
     rows = source.streams()[0].count
 
@@ -127,6 +127,7 @@ def _in_reaches(
         count = 0
         for part in parts:
             remarks[part.wheel] = part.remarks
+            driven.setdefault(part.wheel, []).append(strength.driven(part))
             count += len(part)
             progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
@@ -137,6 +138,8 @@ def _in_reaches(
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""
         raise InputError(f"{source.path}: there are no samples{where}")
+    for name, stresses in driven.items():
+        remarks[name] = [*remarks[name], *strength.beyond(name, stresses, settings.stress)]
     told = [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]
     outcome = Outcome(table={}, account=_of_source(source) | {"wheels": told})
     outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]

@@ -353,7 +353,7 @@ def test_a_command_tells_a_doubt_and_an_error(command, drive, tmp_path, monkeypa
     told = " rad: if pitch is in deg, pitch = { column = "
     code, out, err = run(drive.iloc[:60].assign(pitch=SLOPE[90:150]))
     assert not code
-    assert told in (out if command[0] == "inspect" else err)
+    assert told in (err if command[0] == "estimate" else out)
     code, out, err = run(drive.iloc[:60].assign(torque=1e3 * drive["torque"]))
     assert code == (0 if command[0] == "inspect" else 65)
     assert "times load times wheel radius, which no soil takes" in out + err
