@@ -285,6 +285,7 @@ def _fit(
 
     samples = windows.samples
     priors = _priors(samples, file)
+    time = None if samples.time is None else samples.time[windows.rows]
 
     def run(noise: Noise | None, joint: Collection[int]) -> Fit:
         return wheel_fit.fit(
@@ -298,7 +299,8 @@ def _fit(
             local=[name for name in file.local if name not in held],
             noise=noise,
             robust=robust,
-            correlated=samples.time is not None,
+            correlated=time is not None,
+            second=wheel_fit.samples_a_second(time),
             min_samples=min_samples,
             joint=joint,
             begun=begun,
