@@ -322,7 +322,7 @@ class FittedWheel:
     def noise(self) -> dict[str, residual_noise.NoiseLevel]:
         """Noise of the residuals."""
         if self.ordered:
-            return {name: residual_noise.of_series(e, self.group) for name, e in self.residuals.items()}
+            return residual_noise.of_all(self.residuals, self.group, self.windows)
         table = self.run_under
         levels = {}
         for name, error in self.residuals.items():

@@ -8,15 +8,27 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.estimation.wheel_fit import NOISE_LASTS, samples_a_second
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from terrain_cli.vocabulary.arrays import Array, Index
+    from terrain_cli.windows.cut_windows import Windows
 
 
-#: Lags of the variogram, in samples; the longest is this many at most.
+#: Lags of the variogram, in samples; the longest is this many at first.
 LONGEST_LAG = 60
-#: Correlations at lag 1 that are tried.
-_MEMORIES = np.array([0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
+#: Correlations at lag 1 that are tried, and samples in which the correlation falls e times.
+_MEMORIES = np.array([0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
+_DECAYS = np.concatenate([[0.0], -1.0 / np.log(_MEMORIES), [22.0, 30.0, 42.0, 59.0]])
+#: Decays that lags must reach over: with fewer, what levels off is not told from what rises. And those that
+#: they do at the most: with 3.7, noise that lasts 1 s comes out at 0.85 of what it is, with 5 at 0.95.
+_REACH, _FAR_ENOUGH = 3.7, 5.0
+#: Longest lag at first in decays of the longest noise of sensors: what takes longer than 3 s is a misfit.
+_FIRST = 3.0
+#: What the amplitudes of a misfit must take off the sum of squares: 95 % of χ² with two degrees of freedom.
+_BY_CHANCE = 5.99
 
 
 class NoiseLevel(NamedTuple):
@@ -26,36 +38,62 @@ class NoiseLevel(NamedTuple):
     forgotten: int  # Samples after which the noise is another one; 0 for white noise
 
 
-def of_series(residual: Array, group: Index) -> NoiseLevel:
+def of_all(errors: Mapping[str, Array], group: Index, windows: Windows) -> dict[str, NoiseLevel]:
+    """Estimate the noise of some residuals of the ordered samples of windows, by channel."""
+    time = windows.samples.time
+    second = samples_a_second(None if time is None else time[windows.rows])
+    return {name: of_series(error, group, second) for name, error in errors.items()}
+
+
+def of_series(residual: Array, group: Index, second: float = 0.0) -> NoiseLevel:
     """Estimate the noise of an ordered residual, NaN where not known, from its variogram.
 
     γ(h) = ½ E (e(t + h) − e(t))² of noise w² + a² (1 − ρʰ), white and first-order correlated, levels
     off at w² + a² after a few samples; what a misfit adds rises with h, like h² where it follows
     a smooth drive and like h where soil changes in patches (Cressie 1993, Statistics for Spatial
-    Data, section 2.4). The four amplitudes are fitted, none of them negative, for a range of ρ.
+    Data, section 2.4). The four amplitudes are fitted, none of them negative, for a range of ρ; those of
+    a misfit are 0 where chance does as much. The lags reach as far as noise of sensors lasts, where there
+    are so many samples in a `second`.
     Differences are not taken across groups, which are contiguous.
     """
-    lags, gamma, pairs = _variogram(residual, group)
+    most = int(_FAR_ENOUGH * NOISE_LASTS * second)
+    longest = max(LONGEST_LAG, int(_FIRST * NOISE_LASTS * second))
+    while True:
+        level, beyond = _of_lags(residual, group, longest)
+        if not beyond or longest >= min(most, len(residual) // 8):
+            return level
+        longest = min(2 * longest, most)
+
+
+def _of_lags(residual: Array, group: Index, longest: int) -> tuple[NoiseLevel, bool]:
+    """Return the noise as lags up to the longest tell it, and whether it may last longer than they tell."""
+    lags, gamma, pairs = _variogram(residual, group, longest)
     if len(lags) < 3 or not np.any(gamma > 0.0):
-        return NoiseLevel(float(np.sqrt(gamma[0])) if len(lags) else np.nan, 0)
+        return NoiseLevel(float(np.sqrt(gamma[0])) if len(lags) else np.nan, 0), False
     scale = float(gamma.max())
     # The variance of γ(h) goes with γ² h: longer lags share their samples.
     weight = np.sqrt(pairs / lags) / np.maximum(gamma, 0.05 * scale)
     far = lags / lags[-1]
-    lasting = np.where(_MEMORIES[:, None] > 0.0, 1.0 - _MEMORIES[:, None] ** lags, 0.0)
+    decays = _DECAYS[longest >= _DECAYS * _REACH]
+    lasting = np.zeros((len(decays), len(lags)))
+    lasting[1:] = 1.0 - np.exp(-lags / decays[1:, None])
     columns = np.stack(np.broadcast_arrays(np.ones_like(far), lasting, far, far**2), axis=-1)
     amplitudes, misfit = _not_negative(columns * weight[:, None], gamma * weight)
+    still, plain = _not_negative(columns[..., :2] * weight[:, None], gamma * weight)
+    if plain.min() < misfit.min() + _BY_CHANCE:
+        # Noise that lasts wanders by chance as a misfit would.
+        amplitudes, misfit = still, plain
     place = int(np.argmin(misfit))
     if misfit[place] >= misfit[0] - criteria.MEMORY_BELIEVED:
         place = 0  # White noise
-    memory, amplitude = _MEMORIES[place], amplitudes[place]
+    decay, amplitude = float(decays[place]), amplitudes[place]
     variance = amplitude[0] + amplitude[1]
     share = amplitude[1] / variance if variance > 0.0 else 0.0
     forgotten = 0
-    if memory > 0.0 and share > criteria.FORGOTTEN:
-        forgotten = int(np.ceil(np.log(criteria.FORGOTTEN / share) / np.log(memory)))
+    if decay > 0.0 and share > criteria.FORGOTTEN:
+        forgotten = int(np.ceil(np.log(share / criteria.FORGOTTEN) * decay))
     # A misfit that outweighs the noise can take all of the variogram, but not what jumps between samples.
-    return NoiseLevel(max(float(np.sqrt(variance)), _jumps(residual, group)), forgotten)
+    return NoiseLevel(max(float(np.sqrt(variance)), _jumps(residual, group)), forgotten), decay == decays[-1]
 
 
 def _not_negative(columns: Array, values: Array) -> tuple[Array, Array]:
@@ -86,11 +124,11 @@ def _jumps(residual: Array, group: Index) -> float:
     return float(criteria.NOISE_OF_JUMPS * float(np.median(second)) / (0.6745 * np.sqrt(6.0)))
 
 
-def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:
+def _variogram(residual: Array, group: Index, most: int) -> tuple[Array, Array, Array]:
     lags, gamma, pairs = [], [], []
-    longest = min(LONGEST_LAG, max(len(residual) // 8, 3))
+    longest = min(most, max(len(residual) // 8, 3))
     for lag in range(1, longest + 1):
-        if lag > 12 and lag % 4:
+        if lag > 12 and lag % (-(-4 * most // LONGEST_LAG)):
             continue
         change = residual[lag:] - residual[:-lag]
         change = change[(group[lag:] == group[:-lag]) & np.isfinite(change)]

@@ -100,9 +100,8 @@ def _noise(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> whiten
         name: np.where(data.use, column - found[name], np.nan) for name, column in data.measured.items()
     }
     if wheel.ordered:
-        levels = {
-            name: residual_noise.of_series(error, wheel.group).deviation for name, error in errors.items()
-        }
+        noise = residual_noise.of_all(errors, wheel.group, wheel.windows)
+        levels = {name: level.deviation for name, level in noise.items()}
         # A misfit that lasts can hide the noise, which is not less than that of the channels themselves.
         least = whitening.of_channels(wheel.measured, wheel.group)
         for name, variance in zip(least.channels, np.diag(least.covariance), strict=True):

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from terrain_cli.effects import Effect
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointPosterior
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
@@ -170,9 +169,7 @@ def estimate(
     file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
-    lacking, further = suspects(file, windows)
-    every = further | channels
-    fit = _fit(windows, file, every, held, least, robust=robust, joint=asked, begun=begun, suspects=lacking)
+    fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)
     estimates = of_fit(fit, line, whole, at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
     return Fitted(estimates, account(windows, file, fit, held, because), posteriors, fit.noise)
@@ -283,18 +280,19 @@ def _fit(
     robust: bool,
     joint: Collection[int],
     begun: Noise | None,
-    suspects: Sequence[Effect],
 ) -> Fit:
     from terrain_cli.estimation import wheel_fit
 
     samples = windows.samples
     priors = _priors(samples, file)
+    lacking, further = suspects(file, windows)
+    time = None if samples.time is None else samples.time[windows.rows]
 
     def run(noise: Noise | None, joint: Collection[int]) -> Fit:
         return wheel_fit.fit(
             file.model,
             samples.geometry.wheel,
-            channels,
+            {**further, **channels},
             windows.bounds,
             fixed=held,
             priors=priors,
@@ -302,11 +300,12 @@ def _fit(
             local=[name for name in file.local if name not in held],
             noise=noise,
             robust=robust,
-            correlated=samples.time is not None,
+            correlated=time is not None,
+            second=wheel_fit.samples_a_second(time),
             min_samples=min_samples,
             joint=joint,
             begun=begun,
-            suspects=suspects,
+            suspects=lacking,
         )
 
     given = {name: noise for name, noise in samples.noise.items() if name in channels and noise.known}

@@ -109,3 +109,11 @@ def test_points_at_loads_all_over_a_range_have_no_neighbours():
     load = np.random.default_rng(9).permutation(np.linspace(0.2, 0.6, 40))
     assert len(between(one(40), np.stack([slip, load], axis=1)).middle) == 0
     assert np.isnan(of_neighbours(slip, one(40), np.stack([slip, load], axis=1)))
+
+
+@pytest.mark.parametrize(("rate", "lasts"), [(20.0, 0.5), (50.0, 0.5), (50.0, 1.0)])
+def test_noise_that_lasts_as_long_as_that_of_sensors_is_no_misfit(rate, lasts):
+    n = int(100.0 * rate)
+    found = [of_series(autoregressive(np.exp(-1.0 / (rate * lasts)), s, n), one(n), rate) for s in range(8)]
+    assert np.mean([level.deviation for level in found]) == pytest.approx(1.0, rel=0.1)
+    assert np.mean([level.forgotten for level in found]) == pytest.approx(2.3 * lasts * rate, rel=0.35)

@@ -105,6 +105,13 @@ def test_first_pass_makes_the_whole_gain_and_later_ones_little():
     np.testing.assert_allclose(half, [1.0, 1.5, 1.75, 1.875, 1.9375])
 
 
+@pytest.mark.parametrize(("slope", "drives"), [(-1.96, True), (-0.03, False), (0.07, False)])
+def test_friction_that_falls_with_speed_drives(slope, drives):
+    found = {"drivetrain-friction.Tc": 0.99, "drivetrain-friction.Bv": slope}
+    doubted = effects.find("drivetrain-friction").imitations(found, np.diag([0.03, 0.03]) ** 2)
+    assert [names for names, *_ in doubted] == [("drivetrain-friction.Bv",)] * drives
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_what_the_drivetrain_takes_is_the_same_both_ways(way):
     """Torque is counted positive the way the wheel turns."""

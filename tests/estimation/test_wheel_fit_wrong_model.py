@@ -249,3 +249,29 @@ def test_nor_is_it_of_a_few_points_at_the_bounds(effect):
     assert second.status == first.status
     for name, value in first.values.items():
         assert second.values[name] == pytest.approx(value, abs=0.05 * float(first.errors[name][0])), name
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_noise_that_lasts_half_a_second_is_no_misfit(seed):
+    lasting = dict.fromkeys(
+        ("load", "torque", "sinkage", "slip"), Sensor(relative=0.02, correlation_time=0.5)
+    )
+    track = Track(
+        "wheel",
+        [(base_contact(DRY_SAND), 44.0)],
+        undulation(60.0, 0.25, 7.0, seed),
+        undulation(0.3, 0.8, 9.0, seed + 1),
+    )
+    told = Drive(
+        [track],
+        WHEEL,
+        constant(0.07),
+        rate=50.0,
+        sensors={**lasting, "drawbar_pull": Sensor(absolute=0.3, correlation_time=0.5)},
+        channels=(*CHANNELS, "slip", "drawbar_pull"),
+        seed=seed,
+    )
+    channels = simulate(told).wheels["wheel"].aligned()
+    ends = [0, len(channels["time"])]
+    found = [fit(Model(), GEOMETRY, channels, ends, second=second) for second in (0.0, 50.0)]
+    assert [result.missed[0] for result in found] == [True, False]

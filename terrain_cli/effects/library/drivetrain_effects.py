@@ -28,6 +28,8 @@ DRIVETRAIN_FRICTION = Effect(
             (-50.0, 500.0),
             unit="N m s/rad",
             needs=("angular_velocity",),
+            # Friction that falls with speed does so while the parts just begin to move.
+            side=1,
         ),
     ),
     laws={"torque": _torque_with_friction},

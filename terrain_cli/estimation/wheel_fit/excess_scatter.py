@@ -19,6 +19,9 @@ _ITERATIONS = 6
 #: A window of which what is left lasts longer, or is larger, than this many samples of noise is one that the
 #: model misses. Judged: noise of sensors with an autocorrelation of 0.9 lasts for 19 samples.
 MISSED = 20.0
+#: s in which the autocorrelation of sensors' noise falls e times at the most. Judged: filters and rough
+#: ground make 0.05 to 0.5 s, and load, slip and soil vary over several.
+NOISE_LASTS = 1.0
 #: Nor does it miss what is left of less than this share of the scatter. Of 30 logs of the very model, bent
 #: by 10 % of noise in sinkage, 10 lasted longer than 20 samples, with shares up to 0.29; of 24 logs that
 #: lacked an effect and lasted so long 23 had 0.34 to 1.
@@ -53,6 +56,12 @@ def slow_share(residuals: Array, bounds: Bounds) -> Array:
     power = segment_sum(residuals**2, bounds)
     share = np.divide(lagged, power, out=np.zeros_like(power), where=power > 0.0)
     return np.asarray(share.max(axis=0, initial=0.0))
+
+
+def samples_a_second(time: Array | None) -> float:
+    """Return how many samples there mostly are in a second; 0 without a clock."""
+    steps = np.diff(time) if time is not None else np.zeros(0)
+    return 1.0 / float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
 
 
 def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together: bool = False) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN, STATUSES
 from terrain_cli.estimation.wheel_fit import normal_equations
-from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, SLOW
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS, SLOW
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
@@ -112,6 +112,7 @@ class Fit(Parameters):
     # Shape (w,): whether an effect of those suspected shows that would move c, φ or strength by more than
     # its error
     moved: Mask
+    second: float  # Samples in a second; 0 where they do not follow each other in time
     converged: Mask  # Shape (w,)
     min_samples: int
     # Joint posterior of c and φ, of the windows of which it was asked for
@@ -164,7 +165,9 @@ class Fit(Parameters):
     def missed(self) -> Mask:
         """Whether what the model leaves lasts for many samples of noise, and is not small beside it."""
         large = (self.slow > SLOW) | (self.chi2 * (1.0 - SLOW) > self.dof)
-        return np.asarray((self.excess > 1.0) | ((self.inflation > MISSED) & large) | self._imitates)
+        # A first-order process lasts for twice its decay.
+        lasting = self.inflation > max(MISSED, 2.0 * NOISE_LASTS * self.second)
+        return np.asarray((self.excess > 1.0) | (lasting & large) | self._imitates)
 
     @cached_property
     def _imitates(self) -> Mask:

@@ -82,6 +82,7 @@ def fit(
     robust: bool = False,
     given: Given = "sinkage",
     correlated: bool = True,
+    second: float = 0.0,
     min_samples: int = FIT_SAMPLES,
     joint: Collection[int] = (),
     begun: Noise | None = None,
@@ -103,9 +104,10 @@ def fit(
     of the time. A `robust` fit gives samples far from it less weight (Huber 1964), at the cost of 5 % of
     efficiency. `given`: predict load, torque and drawbar pull at the sinkage measured; or solve for the
     sinkage from the load, and predict sinkage, torque and drawbar pull. Steady test points are not
-    `correlated`: they do not follow each other in time. Windows of fewer than `min_samples` have the status
-    "too-few-samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid. `suspects`
-    are effects that the model lacks, and which would show in these channels (`Fit.moved`).
+    `correlated`: they do not follow each other in time; of others there are so many in a `second`. Windows of
+    fewer than `min_samples` have the status "too-few-samples"; of the windows `joint` the joint posterior of
+    c and φ is laid out on a grid. `suspects` are effects that the model lacks, and which would show in these
+    channels (`Fit.moved`).
 
     InputError: a channel without which the model cannot be fitted is missing; ConfigurationError: a name that
     is no parameter of the model; UsageError: values or priors without meaning; ValueError: arrays of
@@ -172,6 +174,7 @@ def fit(
         rmse=rmse,
         slow=slow if correlated else np.zeros(len(data.windows)),
         moved=np.zeros(len(data.windows), dtype=bool),
+        second=second,
         converged=fits[0][1],
         min_samples=min_samples,
         grids=valley.grids(problem, data, found, about, joint, order),
