@@ -58,10 +58,10 @@ def counted(job):
     counts = []
     for missing_effects.moved in TESTS:
         found = estimators.estimate(windows, "auto", estimators.full_model()).estimates
-        strength = soil.cohesion + found.stress * np.tan(np.radians(soil.friction_angle))
+        strength = soil.cohesion + found.stress * soil.tan_phi
         off = [
             np.abs(found.c - soil.cohesion) > 3.0 * found.c_se,
-            np.abs(found.phi - np.radians(soil.friction_angle)) > 3.0 * found.phi_se,
+            np.abs(found.phi - soil.friction_angle) > 3.0 * found.phi_se,
             np.abs(found.strength_at_stress - strength) > 3.0 * found.strength_at_stress_se,
         ]
         ok = found.status == "ok"
