@@ -127,7 +127,8 @@ WHEEL_RADIUS = Effect(
         "speed that is off by a factor does the same. The curves of torque and pull over slip are shifted "
         "sideways, so that torque is zero at a slip that is not. Grousers shift them too, but add torque at "
         "high slip; flexible-wheel shifts them and lengthens the contact; shear-modulus bends them and "
-        "leaves their beginning at zero."
+        "leaves their beginning at zero. The effect corrects the slip alone: a radius in rover.toml that is "
+        "off is to be corrected there, for the contact depends on it too."
     ),
     shows="torque and drawbar pull along the slip axis; no torque at a slip that is not zero",
     reference=(
