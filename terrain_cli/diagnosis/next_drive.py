@@ -266,7 +266,7 @@ _CHECKS = {
     "load": "calibrate the load cell with known weights",
     "sinkage": "check the sinkage sensor on firm ground",
     "drawbar_pull": "calibrate the drawbar pull sensor with known weights",
-    "slip": "measure the distance of ten turns on firm ground, and correct the radius in rover.toml if it is off",
+    "slip": "measure the distance of ten turns on firm ground, and correct the radius of rover.toml by it",
     "torque": "calibrate the torque with a known brake",
 }
 
