@@ -68,6 +68,13 @@ def of_gain_of_points(gain: Array) -> float:
     return max(of_gain_in_most(gain), 0.5 ** len(gain))
 
 
+def at_level(data: Ground, gain: Array) -> float:
+    """Return how often chance gives such a gain, as a p-value that counts against the level of scores."""
+    if any(wheel.ordered for wheel in data.wheels):
+        return of_gain_in_most(gain) / criteria.GAINED * criteria.LEVEL
+    return of_gain_of_points(gain) / criteria.GAINED_STEADY * criteria.LEVEL
+
+
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
     """Return what a model takes off the held-out error over the channel's size, both rms, by channel."""
     found = {}
