@@ -79,13 +79,13 @@ def _of_lags(residual: Array, group: Index, longest: int) -> tuple[NoiseLevel, b
     lasting[1:] = 1.0 - np.exp(-lags / decays[1:, None])
     columns = np.stack(np.broadcast_arrays(np.ones_like(far), lasting, far, far**2), axis=-1)
     amplitudes, misfit = _not_negative(columns * weight[:, None], gamma * weight)
-    still, plain = _not_negative(columns[..., :2] * weight[:, None], gamma * weight)
-    if plain.min() < misfit.min() + _BY_CHANCE:
-        # Noise that lasts wanders by chance as a misfit would.
-        amplitudes, misfit = still, plain
     place = int(np.argmin(misfit))
+    still, plain = _not_negative(columns[..., :2] * weight[:, None], gamma * weight)
     if misfit[place] >= misfit[0] - criteria.MEMORY_BELIEVED:
         place = 0  # White noise
+    elif plain.min() < misfit[place] + _BY_CHANCE:
+        # Noise that lasts wanders by chance as a misfit would.
+        amplitudes, place = still, int(np.argmin(plain))
     decay, amplitude = float(decays[place]), amplitudes[place]
     variance = amplitude[0] + amplitude[1]
     share = amplitude[1] / variance if variance > 0.0 else 0.0

@@ -105,7 +105,7 @@ def screen(
         unit = QUANTITIES[changes] if changes in SENSED else "1"
         effect = effect_file.parse(_text("probe", "probe", changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
         found = next(iter(signatures.of_effects(wheel, [effect], channels, rows)))
-        if changes in SENSED and not (changes in read and changes in values):
+        if changes in SENSED:
             yield changes, "", "constant", found.tables
         for driver, column in values.items():
             for form in _forms(changes, driver, column):

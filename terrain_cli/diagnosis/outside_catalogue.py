@@ -16,6 +16,7 @@ from terrain_cli.comparison.drivers import functions_under_all
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
+from terrain_cli.effects.laws import law_trial
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.quantities import listed
 
@@ -163,11 +164,15 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
 
 
 def sensor(tried: Sequence[Tried], hypothesis: Hypothesis, effect: Refit) -> Tried | None:
-    """Return a draft of a sensor that predicts as well as an effect, which changes something else."""
-    changed = {name for one in hypothesis.effects for name in one.laws}
+    """Return a draft of a sensor that predicts as well as an effect, which says something else."""
+    changed = {name: law_of for law_of in hypothesis.effects for name in law_of.laws}
     for one in tried:
-        other = one.draft.of_sensor and one.draft.changes not in changed
-        if other and refit_ranking.as_good(one.refit, effect):
+        draft = one.draft
+        # Zero and gain of a sensor can say all that an effect says of it; its zero, only what it is itself.
+        same = draft.changes in changed and (
+            draft.driver != "" or law_trial.shifts(changed[draft.changes], draft.changes)
+        )
+        if draft.of_sensor and not same and refit_ranking.as_good(one.refit, effect):
             return one
     return None
 

@@ -118,6 +118,16 @@ def influence(effect: Effect, quantity: str, reads: Collection[str], name: str) 
     return sizes[0], sizes[1]
 
 
+def shifts(effect: Effect, quantity: str) -> bool:
+    """Tell whether one of an effect's parameters alone adds the same to a quantity everywhere."""
+    nulls = {parameter.name: parameter.null for parameter in effect.parameters}
+    given = inputs({quantity, *effect.reads} - nulls.keys())
+    law = effect.laws[quantity]
+    plain = _called(law, {**given, **nulls})
+    changes = (_called(law, {**given, **nulls, p.name: p.null + p.scale}) - plain for p in effect.parameters)
+    return any(np.ptp(change) < ROUNDING * np.max(np.abs(change)) for change in changes)
+
+
 def _called(law: Law, q: Mapping[str, Any]) -> Array:
     return np.broadcast_to(np.asarray(value(law(q)), dtype=float), SAMPLES)
 
