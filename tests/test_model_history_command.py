@@ -171,7 +171,8 @@ def test_a_ladder_that_was_climbed(logs, here, terrain_est_here):
         "How the model came about",
         "Held-out error of sinkage",
         "− slip-sinkage",
-        "1 + slip-sinkage",
+        "+ slip-sinkage",
+        "change, as numbered above",
     ):
         assert said in text
     without = terrain_est_here("report", "sinks.csv", "-o", "page.html", *CUT)

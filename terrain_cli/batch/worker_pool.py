@@ -31,8 +31,11 @@ import sys, pickle, socket, struct
 link = socket.socket(fileno={})
 size = struct.unpack("!Q", link.recv(8, socket.MSG_WAITALL))[0]
 sys.path[:], parent, memory = pickle.loads(link.recv(size, socket.MSG_WAITALL))
+if memory is not None:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
 from terrain_cli.batch.worker_pool import serve
-serve(link, parent, memory)
+serve(link, parent)
 """
 #: One worker for each core is enough: threads of their own would only be in each other's way, and
 #: their number must not decide on the last digit of a sum.
@@ -178,13 +181,9 @@ def _exactly(link: socket.socket, size: int) -> bytearray:
     return data
 
 
-def serve(link: socket.socket, parent: int, memory: int | None) -> None:
+def serve(link: socket.socket, parent: int) -> None:
     """Do tasks until there are none: the life of a worker process."""
     _die_with(parent)
-    if memory is not None:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     # Now, so that it does not count as time of the first task.
     from terrain_cli.run import one_log  # noqa: F401
 

@@ -120,8 +120,11 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
             break
         sample = int(found.rows[index][place])
         wheels = [_cut(w, sample) if k == index else w for k, w in enumerate(found.wheels)]
-        found = refits.ground(wheels, block, MOST_SAMPLES, data)
-        before = refits.refit(found, None)
+        cut = refits.ground(wheels, block, MOST_SAMPLES, data)
+        after = refits.refit(cut, None)
+        if not refit_ranking.beats(after, before):
+            break
+        found, before = cut, after
         told.append(_where(found.wheels[index], sample))
     if not told or not _share(data, plain, before) > criteria.STEPS_SHARE:
         return None

@@ -90,7 +90,8 @@ def scores(
     # What all windows share is eliminated as well.
     along = -np.linalg.solve(left[:before, :before], left[:before, before:])
     score = score[before:] + along.T @ score[:before]
-    information = np.diag(left[before:, before:] + left[before:, :before] @ along)
+    # That of their priors at the least, but for rounding.
+    information = np.maximum(np.diag(left[before:, before:] + left[before:, :before] @ along), 1.0)
     gain = gain[:, :, before:] + gain[:, :, :before] @ along
     size = score / information
 
