@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import processes
-from terrain_cli.comparison import blocks, held_out, one_soil_or_several
+from terrain_cli.comparison import blocks, held_out
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import (
     UNITS,
@@ -81,7 +81,7 @@ def on_few_soils(
 ) -> tuple[list[FittedWheel], list[str]]:
     """Fit a model to wheels as `fit_wheels` does, on as few soils as predict as well."""
     fitted, warnings = fit_wheels(wheels, model, settings, further=further, progress=progress)
-    fitted, joined = one_soil_or_several.as_few_as_predict(fitted, progress)
+    fitted, joined = held_out.as_few_as_predict(fitted, progress)
     return fitted, [*warnings, *joined]
 
 

@@ -1,4 +1,4 @@
-"""Held-out predictions: each block is predicted by a fit to the other blocks."""
+"""Predictions of blocks by fits to the others; and by them, whether one soil is as good as several."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import prediction
+from terrain_cli.comparison import blocks, prediction, smoothed_model
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -19,8 +21,8 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-#: Parts in turn left out of a segment that is a single block.
-PARTS = 4
+#: Parts in turn left out of a segment that is a single block, and of a log to tell one soil from several.
+PARTS, _PARTS_OF_LOG = 4, 24
 #: Farthest that a parameter moves when a block is left out, in widths of its prior.
 FARTHEST = 2.0
 #: Mean square of a change, in units of the noise, from which on it is looked at twice.
@@ -159,3 +161,52 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     return cell, normal_equations.leave_out(
         information, score, pairs[0], pairs[1], prior, len(wheel.soil), reach
     )
+
+
+def as_few_as_predict(
+    wheels: Sequence[FittedWheel], progress: Callable[[str], None] = lambda _: None
+) -> tuple[list[FittedWheel], list[str]]:
+    """Join the segments of wheels of which one soil for each terrain predicts no worse.
+
+    A model without something that follows the drive needs a new soil at every turn; with it, one is
+    enough, and that shows only where the soils are joined. Also returned is what has to be said about it.
+    """
+    result, told = [], []
+    for wheel in wheels:
+        progress(f"one soil or several under {the_wheel(wheel.windows.samples.wheel)}")
+        one = wheel.one_soil
+        # Samples in another order would be in other blocks than those of the model compared with.
+        if one is None or np.any(np.diff(one[1]) != 1):
+            result.append(wheel)
+            continue
+        fewer = one[0]
+        shortest = criteria.BLOCK_SAMPLES if wheel.ordered else 1
+        part = blocks.fine([len(wheel)], shortest, most=_PARTS_OF_LOG)[0].astype(np.intp)
+        difference = _loss(fewer, wheel, part) - _loss(wheel, wheel, part)
+        if float(difference.sum()) <= criteria.AS_GOOD * blocks.error(difference):
+            result.append(fewer)
+            samples = wheel.windows.samples
+            told.append(
+                f"{samples.source}: {the_wheel(samples.wheel)}: one soil predicts as well as those of "
+                f"{len(wheel.windows)} segments, which are taken as {len(fewer.windows)}"
+            )
+        else:
+            result.append(wheel)
+    return result, told
+
+
+def _loss(wheel: FittedWheel, like: FittedWheel, part: Index) -> Array:
+    """Return the held-out loss by part, in units of what the second wheel leaves."""
+    scale = {}
+    for name, error in like.residuals.items():
+        level = like.noise[name].deviation
+        rms = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else 1.0
+        least = max(level, criteria.LEAST_NOISE_OF_SCALE * rms) if np.isfinite(level) else rms
+        scale[name] = max(least, 1e-300)
+    out = predict(wheel, part, scale)
+    total = np.zeros(int(part.max(initial=0)) + 1)
+    for name, measured in wheel.measured.items():
+        error = (measured - out[name]) / scale[name]
+        error = np.where(np.isfinite(measured) & ~np.isfinite(error), smoothed_model.NO_ANSWER, error)
+        total += np.bincount(part, np.nan_to_num(smoothed_model.bounded(np.nan_to_num(error))), len(total))
+    return total

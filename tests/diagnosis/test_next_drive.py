@@ -14,7 +14,7 @@ from next_drives import appended
 from simulator import constant, simulate
 
 from terrain_cli import simulation
-from terrain_cli.comparison import blocks, one_soil_or_several
+from terrain_cli.comparison import blocks, held_out
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.diagnosis import diagnosis_criteria, manoeuvres, next_drive, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
@@ -91,7 +91,7 @@ def fitted(several, names):
     settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in effects for name in effect.reads))
     wheels, _ = fit_wheels(joined, file.model, settings, further=further)
-    wheels, _ = one_soil_or_several.as_few_as_predict(wheels)
+    wheels, _ = held_out.as_few_as_predict(wheels)
     block = [part.astype(np.intp) for part in blocks.fine([len(wheel) for wheel in wheels], 60, most=24)]
     data = refits.ground(wheels, block, 1500)
     found, lacking = screening.hypotheses(file, wheels, effects)
