@@ -15,6 +15,7 @@ from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
+from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
@@ -34,10 +35,6 @@ if TYPE_CHECKING:
 
     #: Source, wheel and number of a segment.
     Place = tuple[str, str, int]
-
-
-#: Typical sizes up to which a parameter is expected before any data: the width of its prior.
-_EXPECTED = 5.0
 
 
 def fitted(
@@ -218,7 +215,7 @@ def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
     if not determined:
         return "the data leave it open"
     usual = abs(value - own.null) / own.scale if own is not None else 0.0
-    return f"{usual:.0f} times its usual size" if usual > _EXPECTED else ""
+    return f"{usual:.0f} times its usual size" if usual > EFFECT_SCALES else ""
 
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:

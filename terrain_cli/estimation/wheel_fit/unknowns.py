@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 #: Sought by their logarithm.
 POSITIVE = frozenset({"shear_modulus", "stiffness"})
 #: A prior of an effect's parameter is this many of its scales wide: next to nothing.
-_EFFECT_SCALES = 5.0
+EFFECT_SCALES = 5.0
 
 
 #: Weak priors from published soils (the table of terrain values of Wong, Theory of Ground Vehicles,
@@ -132,7 +132,7 @@ def unknown(model: Model, name: str, prior: Prior | None = None) -> Unknown:
     logarithm = name in POSITIVE
     if name in model.parameters:
         parameter = model.parameters[name]
-        prior = prior or Prior(parameter.null, _EFFECT_SCALES * parameter.scale)
+        prior = prior or Prior(parameter.null, EFFECT_SCALES * parameter.scale)
         lower, upper, step = parameter.lower, parameter.upper, 2.0 * parameter.scale
     else:
         prior = prior or DEFAULT[name]
