@@ -126,5 +126,5 @@ def test_a_slip_that_is_off_gives_no_name_to_something_else():
     others = [effects.find(name) for name in ("post-peak-softening", "grousers", "shear-modulus")]
     found = diagnose(windows_of(42000031, Kind(sized("wheel-radius"))), ModelFile(), effects=others)
     assert found.effect is None
-    assert found.unknown.channel == "slip"
-    assert "slip is off by a constant" in found.sentence
+    assert (found.unknown.channel, found.unknown.driver, found.unknown.form) == ("slip", "", "constant")
+    assert "slip is off by a constant, " in found.sentence
