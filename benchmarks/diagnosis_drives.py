@@ -11,7 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests"), str(HERE.parent / "tests" / "diagnosis")]
+sys.path[:0] = [
+    str(HERE.parent),
+    str(HERE.parent / "tests"),
+    str(HERE.parent / "tests" / "diagnosis"),
+    str(HERE),
+]
 
 import numpy as np  # noqa: E402 - found through the path above
 from hidden_drives import (  # noqa: E402 - as above

@@ -48,7 +48,12 @@ LONG, FINE = 64, 8
 
 
 def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
-    """Replace wild samples by the median of five; return sums, (5, blocks), and noise in Pa², (3, blocks)."""
+    """Replace wild samples, one or two in a row, by the median of five around them.
+
+    Of three or more. Returns the sums of x, y, x², xy and y² over blocks, shape (5, blocks), and the noise:
+    variance of x, covariance, variance of y, in Pa², shape (3, blocks). ValueError where a sample is not
+    finite.
+    """
     n = len(samples)
     number = sample_blocks.sizes(n, step)
     rows = np.empty((sample_blocks.ROWS, len(number)))
@@ -73,14 +78,18 @@ def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
 def _measure(
     samples: ReplacedSamples, step: int, usual: Array, parts: Parts, out: Array
 ) -> tuple[Index, Array]:
-    """Fill in the rows of blocks, part by part; return wild samples, and medians there."""
+    """Fill in the rows of these blocks, one part after another in the same memory.
+
+    Returns which of their samples are wild, and the medians of x and y there.
+    """
     spans = [sample_blocks.around(part, len(samples), step) for part in parts]
+    room = np.empty((6, max(len(span) for span in spans) * step))
     far = []
     for part, span in zip(parts, spans, strict=True):
         x, y = samples.of_blocks(span, step)
-        rows, place, limit = sample_blocks.summed(x, y, step, usual[0] / usual[1])
-        own = np.searchsorted(span, part)
-        out[:, part] = rows[:, own]
+        rows, place, limit = sample_blocks.summed(x, y, step, usual[0] / usual[1], room)
+        own = sample_blocks.as_index(np.searchsorted(span, part))
+        out[:, sample_blocks.as_index(part)] = rows[:, own]
         asked = np.zeros(len(span), dtype=bool)
         asked[own] = True
         mine = asked[place // step]
@@ -94,11 +103,14 @@ def _measure(
 
 
 def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
-    """Estimate the covariance of the noise of (x, y) block by block, in Pa²: shape (3, blocks).
+    """Estimate the covariance of the noise of (x, y), block by block.
 
-    From second differences, in which a drift of the load cancels, averaged over `sample_blocks.REACH` samples
-    on either side. A load that varies from sample to sample moves (x, y) along the soil's line and would pass
-    for noise: it shows as a correlation that noise has not, and is taken out. No level below `least` counts.
+    From second differences, in which a drift of the load cancels, averaged over `sample_blocks.REACH`
+    samples on either side. A load that varies from sample to sample moves (x, y) along the soil's
+    line and would pass for noise: it shows as a correlation that noise has not, and is taken out.
+
+    `rows` are from `sample_blocks.summed`; below `least`, shape (2,), in Pa, no level of x and y is believed.
+    Returns variance of x, covariance, variance of y, in Pa², shape (3, blocks).
     """
     squares = sample_blocks.moving_mean(rows[[sample_blocks.POWER_X, sample_blocks.POWER_Y]], number, step)
     xx, yy = np.maximum(squares, least[:, None] ** 2)
@@ -138,11 +150,13 @@ def _load_variation(xx: Array, xy: Array, yy: Array, ratio: Array) -> tuple[Arra
 
 
 def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:
-    """Return how much more the mean of correlated residuals scatters than neighbours tell, 1 at least.
+    """Return how much more the mean of correlated residuals scatters than neighbours tell.
 
-    Long-run variance by prewhitening (Andrews & Monahan 1992, Econometrica 60(4)) with a first-order
-    autoregression and Bartlett's window, over that from second differences, in whose standard deviations the
-    residuals are. No products are taken across the `starts` of windows.
+    Long-run variance by prewhitening (Andrews & Monahan 1992, Econometrica 60(4)) with a
+    first-order autoregression and Bartlett's window, over the variance from second differences.
+
+    Residuals are about the lines, in units of the standard deviation from second differences; `starts` are
+    the first samples of the windows, without 0: no products are taken across them. The factor is at least 1.
     """
     n = len(residuals)
     limit = 6.0 * 1.4826 * float(np.median(np.abs(residuals)))
@@ -170,7 +184,13 @@ def _dot(a: Array, b: Array) -> float:
 
 
 class RunningMoments:
-    """Moments of all windows of one stretch; ten million sums lose far less than `FLOOR` by cancellation."""
+    """Moments of all windows of one stretch.
+
+    Sums are accumulated block by block; what ten million of them lose by cancellation is far below
+    `running_moments.FLOOR`. Windows may begin at any sample.
+
+    The noise is taken as constant over the `step` samples of a block.
+    """
 
     def __init__(self, x: Array, y: Array, step: int) -> None:
         self.step = step
@@ -205,7 +225,11 @@ class RunningMoments:
         return np.asarray(total)
 
     def finer(self, block: Index) -> tuple[Index, Array]:
-        """Return bounds `FINE` apart within blocks, (k, step / FINE), and the sums before each."""
+        """Return bounds `FINE` samples apart from the beginning of blocks on, and the sums before each.
+
+        Blocks are of a multiple of `FINE` samples. What is beyond the end of the stretch means nothing.
+        Shapes (k, step / FINE) and (10, k, step / FINE).
+        """
         count = self.step // FINE
         x, y = self.samples.blocks(block, self.step).reshape(2, -1, FINE)
         powers = _powers(x, y).reshape(5, len(block), count)[:, :, :-1]
@@ -217,7 +241,11 @@ class RunningMoments:
         return block[:, None] * self.step + np.arange(0, self.step, FINE), rows.swapaxes(1, 2)
 
     def _weighted(self, block: Index, powers: Array, number: Index | Mask) -> Array:
-        """Return weighted moments, (10, …, k), of parts of blocks, from sums of x, y, x², xy and y² there."""
+        """Return the weighted moments of parts of blocks, shape (10, ..., k).
+
+        `powers`, shape (5, ..., k), are sums over the parts of x, y, x², xy and y²; `number`, shape (..., k),
+        is their samples.
+        """
         weight = self._weight[block]
         rows = np.empty((ROWS, *powers.shape[1:]))
         rows[W] = number * weight
@@ -228,7 +256,10 @@ class RunningMoments:
         return rows
 
     def around(self, sample: Index, reach: int) -> tuple[Index, Array]:
-        """Return every bound within reach of k samples, and the sums before it, (10, k, 2 reach + 1)."""
+        """Return every bound within reach of k samples, and the sums before it, shape (10, k, 2 reach + 1).
+
+        Beyond the ends of the stretch there are no samples: the sums are those at the end.
+        """
         begin = np.maximum(sample - reach, 0)
         place = begin[:, None] + np.arange(2 * reach)
         inside = place < len(self.samples)

@@ -1,4 +1,8 @@
-"""Samples in blocks of equal length, the last perhaps shorter, and all sums over these, in one pass."""
+"""Samples in blocks of equal length, and sums over these; the last block may be shorter.
+
+Everything that is asked of all samples is summed here, in one pass over them. A few samples are replaced,
+without a copy of the others.
+"""
 
 from __future__ import annotations
 
@@ -64,36 +68,58 @@ def around(block: Index, n: int, step: int) -> Index:
 
 def _beside(block: Index, away: int, last: int) -> Index:
     """Return rising blocks and all so far away from them, none behind the last."""
-    if block[-1] - block[0] == len(block) - 1:
+    if is_run(block):
         return np.arange(max(block[0] - away, 0), min(block[-1] + away, last) + 1)
     return np.unique(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
 
 
-def summed(x: Array, y: Array, step: int, scale: float) -> tuple[Array, Index, Array]:
+def is_run(block: Index) -> bool:
+    """Tell whether rising blocks have none left out between them."""
+    return bool(block[-1] - block[0] == len(block) - 1)
+
+
+def as_index(block: Index) -> Index | slice:
+    """Return rising blocks as a slice where they are a run, which is copied faster."""
+    return slice(int(block[0]), int(block[-1]) + 1) if is_run(block) else block
+
+
+def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:
     """Sum what is to be known of the samples over blocks, and look for samples far from a neighbour.
 
-    `scale` is s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|. Returns
-    the rows, shape (8, blocks), in which the first and the last sample have no second difference; places,
-    rising, among them all samples of which a step of x or y, to or from them, is beyond the limit; and that
-    limit for x and y there, shape (2, k).
+    `scale` is s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|. `room`,
+    shape (6, n rounded up to blocks), is overwritten.
+
+    Returns the rows, shape (8, blocks), in which the first and the last sample have no second difference;
+    places, rising, among them all samples of which a step of x or y, to or from them, is beyond the limit;
+    and that limit for x and y there, shape (2, k).
     """
     n, number = len(x), sizes(len(x), step)
-    values, rises, seconds = np.zeros((3, 2, len(number) * step))
-    values[:, :n] = x, y
-    np.subtract(values[:, 1:n], values[:, : n - 1], out=rises[:, 1:n])
-    np.subtract(rises[:, 2:n], rises[:, 1 : n - 1], out=seconds[:, 1 : n - 1])
-    np.abs(rises, out=rises)
-    size = np.abs(scale * seconds[1]) + np.abs(seconds[0])
-    u, v, p, q, d, e, w = (series.reshape(-1, step) for series in (*values, *rises, *seconds, size))
-    squares = ((u, u), (u, v), (v, v), (d, d), (d, e), (e, e))
-    products = [np.einsum("ij,ij->i", *pair) for pair in squares]
-    of_x, of_y, *mean = (np.einsum("ij->i", series) for series in (u, v, p, q, w))
-    rows = np.stack([of_x, of_y, *products])
+    samples = len(number) * step
+    rows, mean = np.empty((ROWS, len(number))), np.empty((3, len(number)))
+    u, v = (
+        (series if n == samples else np.append(series, np.zeros(samples - n))).reshape(-1, step)
+        for series in (x, y)
+    )
+    rises, seconds, (size, spare) = room[:2, :samples], room[2:4, :samples], room[4:6, :samples]
+    for series, rise, second in zip((x, y), rises, seconds, strict=True):
+        rise[0] = rise[n:] = second[0] = second[n - 1 :] = 0.0
+        np.subtract(series[1:], series[:-1], out=rise[1:n])
+        np.subtract(rise[2:n], rise[1 : n - 1], out=second[1 : n - 1])
+        np.abs(rise, out=rise)
+    np.abs(np.multiply(seconds[1], scale, out=size), out=size)
+    size += np.abs(seconds[0], out=spare)
+    p, q, d, e, w = (series.reshape(-1, step) for series in (*rises, *seconds, size))
+    for row, factors in zip(
+        (*rows, *mean),
+        ((u,), (v,), (u, u), (u, v), (v, v), (d, d), (d, e), (e, e), (p,), (q,), (w,)),
+        strict=True,
+    ):
+        np.einsum("ij->i" if len(factors) == 1 else "ij,ij->i", *factors, out=row)
 
     # There is no step to the first sample.
     number[0] -= 1
-    usual = moving_mean(np.stack(mean), number, step)
-    limit, most = OUTLIER * usual[:2], WILD * usual[2]
+    moving_mean(mean, number, step, out=mean)
+    limit, most = OUTLIER * mean[:2], WILD * mean[2]
     # A step is too large for the sample behind it or for that before it, perhaps of the block before.
     least = limit.copy()
     np.minimum(limit[:, 1:], limit[:, :-1], out=least[:, 1:])
@@ -110,14 +136,19 @@ def summed(x: Array, y: Array, step: int, scale: float) -> tuple[Array, Index, A
     return rows, far, limit[:, far // step]
 
 
-def moving_mean(sums: Array, number: Index, step: int) -> Array:
-    """Return means over blocks up to `REACH` samples away, (k, blocks); `number` values are in each sum."""
+def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None) -> Array:
+    """Return the mean over blocks up to `REACH` samples away, near the ends over as many: (k, blocks).
+
+    `sums` are of each block, and `number` is how many values were summed there; `out` may be the sums.
+    """
     blocks, near = len(number), reach(step)
     width = min(2 * near + 1, blocks)
-    mean = _running(sums, width) / _running(number, width)
-    # Near an end that of its first or last blocks.
-    place = np.arange(blocks) - min(near, blocks - 1)
-    return np.asarray(mean[:, np.clip(place, 0, mean.shape[1] - 1)])
+    inner = _running(sums, width) / _running(number, width)
+    mean = np.empty(sums.shape) if out is None else out
+    first = min(near, blocks - 1)
+    last = first + inner.shape[1]
+    mean[:, :first], mean[:, first:last], mean[:, last:] = inner[:, :1], inner, inner[:, -1:]
+    return mean
 
 
 def _running(values: NDArray[np.number], width: int) -> NDArray[np.number]:
@@ -164,11 +195,34 @@ class ReplacedSamples:
             found[:, replaced] = self._instead[:, nearest[replaced]]
         return found
 
-    def of_blocks(self, block: Index, step: int) -> Array:
+    def between(self, first: int, last: int) -> Array | tuple[Array, Array]:
+        """Return x and y of the samples from the first up to the last."""
+        begin, end = np.searchsorted(self._place, [first, last])
+        x, y = (values[first:last] for values in self._values)
+        if begin == end:
+            return x, y
+        found = np.stack([x, y])
+        found[:, self._place[begin:end] - first] = self._instead[:, begin:end]
+        return found
+
+    def of_blocks(self, block: Index, step: int) -> Array | tuple[Array, Array]:
         """Return x and y of the samples of rising blocks; the last block of all may be shorter."""
-        place = (block[:, None] * step + np.arange(step)).ravel()
-        return self.at(place[place < len(self)])
+        if is_run(block):
+            return self.between(int(block[0]) * step, min(int(block[-1] + 1) * step, len(self)))
+        behind = max(int(block[-1] + 1) * step - len(self), 0)
+        return self.blocks(block, step).reshape(2, -1)[:, : len(block) * step - behind]
 
     def blocks(self, block: Index, step: int) -> Array:
         """Return the samples of blocks of equal length, shape (2, k, step), as from `at`."""
-        return self.at(block[:, None] * step + np.arange(step))
+        found = np.empty((2, len(block), step))
+        whole = len(self) // step
+        # Rows are copied faster than single samples.
+        odd = np.searchsorted(self._place, block * step) < np.searchsorted(self._place, (block + 1) * step)
+        odd |= block >= whole
+        if whole:
+            for values, rows in zip(self._values, found, strict=True):
+                values[: whole * step].reshape(-1, step).take(block, axis=0, out=rows, mode="clip")
+        row = np.flatnonzero(odd)
+        if len(row):
+            found[:, row] = self.at(block[row, None] * step + np.arange(step))
+        return found

@@ -10,14 +10,14 @@ X, Y = 12_000.0, 8_000.0
 
 def noise_of(x, y, step=4):
     """Return the noise of samples, none of which is taken for wild."""
-    rows, _, _ = sample_blocks.summed(x, y, step, 1.5)
+    rows, _, _ = sample_blocks.summed(x, y, step, 1.5, np.empty((6, len(x) + step)))
     return block_noise(rows, sample_blocks.sizes(len(x), step), step, np.full(2, 1e-9 * X))
 
 
 def tamed(x, y, step):
     """Return the samples with those that are wild replaced."""
     tame(found := ReplacedSamples(x, y), step)
-    return found.at(np.arange(len(x)))
+    return found.between(0, len(x))
 
 
 def samples(n=4000, seed=0, load=0.0):

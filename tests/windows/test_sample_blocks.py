@@ -32,7 +32,7 @@ def series(draw, shortest=3):
 
 
 def summed(x, y, step, scale=2.0):
-    return sample_blocks.summed(x, y, step, scale)
+    return sample_blocks.summed(x, y, step, scale, np.full((6, len(x) + step), np.nan))
 
 
 def steps_by_hand(x, y):
@@ -143,7 +143,7 @@ def test_few_samples_are_replaced_without_a_copy(case, changed, data):
     np.testing.assert_array_equal(samples.blocks(block, step), new[:, inside])
     first = data.draw(st.integers(0, n - 1))
     last = data.draw(st.integers(first + 1, n))
-    np.testing.assert_array_equal(samples.at(np.arange(first, last)), new[:, first:last])
+    np.testing.assert_array_equal(samples.between(first, last), new[:, first:last])
 
 
 def tame_by_hand(x, y, step):
@@ -179,7 +179,7 @@ def test_no_wild_sample_is_overlooked(case):
     before = x.copy(), y.copy()
     samples = ReplacedSamples(x, y)
     sums, _ = running_moments.tame(samples, step)
-    found = samples.at(np.arange(len(x)))
+    found = samples.between(0, len(x))
     np.testing.assert_array_equal(found, tame_by_hand(x, y, step))
     np.testing.assert_array_equal((x, y), before)
     np.testing.assert_allclose(sums, summed(*found, step)[0][sample_blocks.POWERS], rtol=1e-12)
