@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+from pages import ROOT
 from simulator import paper
 
 from benchmarks import criteria_study, flips_study, growth, harness, wheel_truth
@@ -44,6 +47,14 @@ TABLE_II = {
     "frictional_modulus": (1000.0, 5000.0, 1e3),
     "shear_modulus": (0.01, 0.03, 1.0),
 }
+
+
+def test_every_stage_is_found_from_the_root():
+    """In a process of its own: here the folders of the tests are found whatever the stages do."""
+    command = [sys.executable, "-m", "benchmarks", "none"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "cannot be measured" not in done.stderr
+    assert "no such stage" in done.stderr
 
 
 def test_the_soils_of_the_accuracy_study_are_those_of_the_paper():

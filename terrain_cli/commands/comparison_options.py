@@ -140,8 +140,8 @@ def _cut(
     )
     for sentence in source.recovery.sentences() if source.recovery else ():
         progress.tell(f"{path}: {sentence}")
-    notices = (r for samples in wheels for r in samples.remarks if isinstance(r, Notice) and not noted)
-    for remark in dict.fromkeys(notices):
+    notices = (r for samples in wheels for r in samples.remarks if isinstance(r, Notice))
+    for remark in () if noted else dict.fromkeys(notices):
         progress.tell(f"{path}: {remark}")
     for samples in wheels:
         used = f"{len(samples.usable)} of {len(samples)} samples used"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.estimation import WindowEstimates, assumed
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence, Sized
@@ -60,7 +61,7 @@ _POSTERIOR = (
     *("parameter", "unit", "value", "se", "prior", "prior_sd", "other", "covariance", "correlation"),
 )
 _POSTERIOR_TEXTS = ("parameter", "unit", "other")
-#: Of a window, as a share of its labelled samples, from which on a label is named.
+#: Of a window, as a share of its labelled samples, from which on a label is named. Judged.
 _SHARE_NAMED = 0.1
 
 
@@ -140,7 +141,7 @@ def several_terrains(windows: Windows, table: Table) -> set[str]:
 def told_of_terrains(wheel: str, names: Iterable[str]) -> list[str]:
     """Say that windows hold more than one label, if there are any."""
     listed = ", ".join(sorted(names))
-    told = f"wheel {wheel}: segments hold samples of more than one terrain ({listed})"
+    told = f"{the_wheel(wheel)}: segments hold samples of more than one terrain ({listed})"
     return [f"{told}; --segments terrain keeps them apart"] if listed else []
 
 

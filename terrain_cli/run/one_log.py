@@ -78,7 +78,8 @@ def run(
         progress(f"{the_wheel(samples.wheel)}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
         used = len(samples.usable)
-        samples.remarks += strength.beyond(samples.wheel, [strength.driven(samples)], settings.stress)
+        if settings.stress is not None:
+            samples.remarks += strength.beyond(samples.wheel, [strength.driven(samples)], settings.stress)
         told = long_log.account(samples, len(samples), used, samples.reasons(), samples.remarks)
         outcome.account["wheels"].append(told | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(segment_table.rejects(samples))
@@ -127,7 +128,8 @@ def _in_reaches(
         count = 0
         for part in parts:
             remarks[part.wheel] = part.remarks
-            driven.setdefault(part.wheel, []).append(strength.driven(part))
+            if settings.stress is not None:
+                driven.setdefault(part.wheel, []).append(strength.driven(part))
             count += len(part)
             progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
