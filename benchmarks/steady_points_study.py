@@ -39,6 +39,7 @@ from terrain_cli.windows.cut_windows import cut  # noqa: E402 - as above
 RESULT = HERE / "results" / "steady_points_study.txt"
 #: Slips, and loads at which each is run.
 SIZES = {
+    "5 slips, one load": (5, 1),
     "6 slips, one load": (6, 1),
     "8 slips, one load": (8, 1),
     "12 slips, one load": (12, 1),

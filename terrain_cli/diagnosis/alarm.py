@@ -60,12 +60,12 @@ def of_gain_in_most(gain: Array) -> float:
 
 
 def of_gain_of_points(gain: Array) -> float:
-    """Return the same for steady points: no less than how often chance has all of them gain.
+    """Return the same for steady points: no less than how often chance has all of them gain, or the mean.
 
     The scores of a drive rest on many short stretches besides; those of a few points on nothing else, and
-    where their noise is not known they are weighed so that their gains are alike.
+    gains that are weighed alike beyond the median say little more than that all of them gain.
     """
-    return max(of_gain_in_most(gain), 0.5 ** len(gain))
+    return max(of_gain_in_most(gain), min(of_gain(gain), 0.5 ** len(gain)))
 
 
 def at_level(data: Ground, gain: Array) -> float:
