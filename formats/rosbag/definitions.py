@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
@@ -11,7 +11,7 @@ from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from formats.limits import TooMuchError
-from formats.rosbag.definition_texts import check_idl, checked, msg_text, plain_types
+from formats.rosbag.definition_texts import check_idl, checked, msg_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -39,6 +39,9 @@ BLOBS = {"byte", "char", "int8", "uint8"}
 MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
 #: What rosbags knows of itself, whatever a file says of them.
 BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
+#: rosbags takes longer to parse the definitions of a bag than it takes to read a minute of its messages, and
+#: those of the next bag are the same.
+_types_of_msg = lru_cache(256)(get_types_from_msg)
 #: What a message without fields is given by the ROS 2 tools: one byte that means nothing.
 FILLER = "structure_needs_at_least_one_member"
 _FILLED: tuple[str, FieldDesc] = FILLER, (Nodetype.BASE, ("uint8", 0))
@@ -146,8 +149,7 @@ def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callab
         raise UnusableError("the file has no definition of it")
     try:
         if connection.msgdef.format == MessageDefinitionFormat.MSG:
-            bare, name = msg_text(text), connection.msgtype
-            types = checked(plain_types(bare, name) or get_types_from_msg(bare, name))
+            types = checked(_types_of_msg(msg_text(text), connection.msgtype))
         else:
             check_idl(text)
             parts = (p.partition("\n")[2] if p.startswith("IDL: ") else p for p in text.split(_BAR))
