@@ -26,7 +26,6 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.candidate_search import Limits, candidates
 from terrain_cli.windows.merging import Criteria, Criterion, Refinement
 from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
-from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,21 +59,7 @@ _RIDGE = 1e-10
 
 def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
     """Return bounds of windows, 0 and n among them: one for each stretch between breaks."""
-    at = np.asarray(breaks, dtype=np.intp)
-    if at.size and (at.min() < 0 or at.max() > n):
-        raise ValueError(f"breaks lie between 0 and {n}, not from {at.min()} to {at.max()}")
-    return np.unique(np.concatenate([np.array([0, n], dtype=np.intp), at]))
-
-
-def checked_distance(distance: ArrayLike, n: int) -> Array:
-    """Return the distance as floats; ValueError where it has not n values, or is not finite, or falls."""
-    driven = np.asarray(distance, dtype=float)
-    if driven.shape != (n,):
-        raise ValueError(f"distance has shape {driven.shape}, there are {n} samples")
-    # What never falls is finite where both ends are.
-    if not (driven[1:] >= driven[:-1]).all() or not np.isfinite(driven[[0, -1]] if n else driven).all():
-        raise ValueError("distance must be finite and never fall")
-    return driven
+    return np.unique(np.concatenate([[0, n], breaks])).astype(np.intp)
 
 
 def change_points(
@@ -82,7 +67,7 @@ def change_points(
     y: ArrayLike,
     *,
     breaks: Breaks = (),
-    distance: ArrayLike | None = None,
+    distance: Array | None = None,
     min_samples: int = CUT_SAMPLES,
     min_distance: float = MIN_DISTANCE,
     penalty: float | None = None,
@@ -104,16 +89,13 @@ def change_points(
     """
     keep_freed()
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    if x.ndim != 1 or x.shape != y.shape:
-        raise ValueError(f"x and y are to be one series each of equal length, not {x.shape} and {y.shape}")
     penalty = PENALTY if penalty is None else penalty
     if min_samples < 1 or min_distance < 0.0 or not penalty > 0.0:
         raise ValueError(f"{min_samples=}, {min_distance=} and {penalty=} must be positive")
     bounds = whole_windows(len(x), breaks=breaks)
-    driven = None if distance is None else checked_distance(distance, len(x))
     found = [bounds]
     for a, b in pairwise(bounds):
-        metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
+        metres = None if distance is None else np.append(distance[a:b], distance[b - 1])
         # 2 samples for hundreds, 3 for a thousand, 10 for 10⁵, then `LONG`.
         length = max(int(0.57 * (b - a + (before if a == 0 else 0)) ** 0.25 + 0.5), 1)
         block = LONG if length > _LONGEST and b - a >= _LONG_SAMPLES else min(length, _LONGEST)
@@ -124,7 +106,6 @@ def change_points(
 def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
     n = len(x)
     if n < max(2 * limits.samples, _FEWEST):
-        ReplacedSamples(x, y).check_finite()
         return np.array([0, n], dtype=np.intp)
     moments = RunningMoments(x, y, block)
     bounds, factor = candidates(moments, limits, CANDIDATE_SHARE * penalty)

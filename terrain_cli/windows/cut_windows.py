@@ -13,13 +13,7 @@ from terrain_cli.mechanics import linear
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.vocabulary.quantities import the_wheel
-from terrain_cli.windows.change_points import (
-    change_points,
-    checked_distance,
-    needed,
-    sinkage_changes,
-    whole_windows,
-)
+from terrain_cli.windows.change_points import change_points, needed, sinkage_changes, whole_windows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -228,7 +222,7 @@ def label_windows(codes: ArrayLike, *, breaks: Breaks = ()) -> Bounds:
     """Return a window for each run of samples with the same label, or all without one."""
     labels = np.asarray(codes)
     changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
-    return whole_windows(len(labels), breaks=np.concatenate([changes, np.asarray(breaks, dtype=np.intp)]))
+    return whole_windows(len(labels), breaks=np.concatenate([changes, breaks]))
 
 
 def fixed_windows(
@@ -236,27 +230,19 @@ def fixed_windows(
     *,
     samples: int | None = None,
     metres: float | None = None,
-    distance: ArrayLike | None = None,
+    distance: Array | None = None,
     breaks: Breaks = (),
 ) -> Bounds:
     """Return windows of one length, counted anew from each break; what is left at its end is one too."""
     bounds = whole_windows(n, breaks=breaks)
-    if (samples is None) == (metres is None):
-        raise ValueError("give either samples or metres")
-    if samples is not None:
-        if samples < 1:
-            raise ValueError(f"a window of {samples} samples holds nothing")
-        starts = [np.arange(a, b, samples) for a, b in pairwise(bounds)]
-        return np.unique(np.concatenate([bounds, *starts]))
-    if distance is None:
-        raise ValueError("windows in metres need the distance")
-    if not float(metres or 0.0) > 0.0:
-        raise ValueError(f"a window of {metres} m holds nothing")
-    driven = checked_distance(distance, n)
+    length = samples if samples is not None else float(metres or 0.0)
+    if not length > 0:
+        raise ValueError(f"a window of {length} holds nothing")
+    passed = np.arange(n) if samples is not None or distance is None else distance
     inner = []
     for a, b in pairwise(bounds):
         # A hair before the mark: 0.3 m are three windows of 0.1 m whatever the rounding.
-        window = np.floor((driven[a:b] - driven[a]) / metres + 1e-9)
+        window = np.floor((passed[a:b] - passed[a]) / length + 1e-9)
         inner.append(a + 1 + np.flatnonzero(window[1:] != window[:-1]))
     return np.unique(np.concatenate([bounds, *inner])).astype(np.intp)
 

@@ -51,8 +51,7 @@ def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
     """Replace wild samples, one or two in a row, by the median of five around them.
 
     Of three or more. Returns the sums of x, y, x², xy and y² over blocks, shape (5, blocks), and the noise:
-    variance of x, covariance, variance of y, in Pa², shape (3, blocks). ValueError where a sample is not
-    finite.
+    variance of x, covariance, variance of y, in Pa², shape (3, blocks).
     """
     n = len(samples)
     number = sample_blocks.sizes(n, step)
@@ -62,9 +61,6 @@ def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
     stale = list(sample_blocks.slabs(n, step))
     with np.errstate(invalid="ignore"):
         place, middles = _measure(samples, step, usual, stale, rows)
-    # The sums are there already; they may overflow.
-    if not np.isfinite(rows[sample_blocks.SUMS]).all():
-        samples.check_finite()
     # Where three of five are wild, some are seen only after others have been replaced.
     for _ in range(3):
         if not len(place):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
-POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
+POWERS, POWER_X, POWER_Y = slice(0, 5), 2, 4
 #: and of squares and products of the second differences of x and y, as far as they are noise.
 SECONDS = slice(5, 8)
 ROWS = 8
@@ -171,10 +171,6 @@ class ReplacedSamples:
 
     def __len__(self) -> int:
         return len(self._values[0])
-
-    def check_finite(self) -> None:
-        if not all(np.isfinite(values).all() for values in self._values):
-            raise ValueError("x and y must be finite")
 
     def replace(self, place: Index, values: Array) -> None:
         """Take other values, shape (2, k), for some samples."""

@@ -21,12 +21,6 @@ def test_whole_windows_are_the_stretches_between_breaks(case):
     assert bounds.tolist() == sorted({0, n, *breaks})
 
 
-@pytest.mark.parametrize("breaks", [[-1], [11]])
-def test_breaks_outside_the_series_are_refused(breaks):
-    with pytest.raises(ValueError, match="breaks lie between 0 and 10"):
-        whole_windows(10, breaks=breaks)
-
-
 def test_labels_cut_where_they_change_and_at_breaks():
     codes = [-1, -1, 2, 2, 2, 0, 2]
     assert label_windows(codes).tolist() == [0, 2, 5, 6, 7]
@@ -66,15 +60,9 @@ def test_a_tenth_of_a_metre_is_a_tenth_whatever_the_rounding():
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        ({}, "either samples or metres"),
-        ({"samples": 5, "metres": 1.0}, "either samples or metres"),
         ({"samples": 0}, "holds nothing"),
         ({"metres": 0.0, "distance": [0, 1, 2, 3]}, "holds nothing"),
         ({"metres": float("nan"), "distance": [0, 1, 2, 3]}, "holds nothing"),
-        ({"metres": 1.0}, "need the distance"),
-        ({"metres": 1.0, "distance": [0, 1]}, "shape"),
-        ({"metres": 1.0, "distance": [0, 1, 0.5, 2]}, "never fall"),
-        ({"metres": 1.0, "distance": [0, 1, np.nan, 2]}, "never fall"),
     ],
 )
 def test_fixed_windows_that_make_no_sense_are_refused(asked, says):
