@@ -15,7 +15,7 @@ import struct
 import sys
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from rosbags.interfaces import MessageDefinition
@@ -30,7 +30,7 @@ from formats.rosbag.storage.raw_messages import FORMATS, NO_DEFINITION, astray, 
 from formats.sqlite_pages import BrokenPageError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from rosbags.interfaces import Connection
 
@@ -48,6 +48,7 @@ _LOCK = struct.Struct("@hhqqi")  # `struct flock` of Linux: kind, whence, first 
 _JOURNAL = bytes.fromhex("d9d505f920a163d7")  # How a journal begins that is not yet done with
 _DEAD = 5  # Looks in which a journal stands without its writer: one may fall between two commits
 _ROWS = 5_000  # Rows in one question
+_HASH = "type_description_hash"  # Of a type, in tables of newer recorders
 
 
 class Db3File:
@@ -87,7 +88,7 @@ class Db3File:
             # SQLite takes anything in any column.
             raise ValueError("a log time is no whole number")
         self._check_times(database)
-        self.connections = topics_of(database, {topic: count for topic, (count, _, _) in spans.items()})
+        self.connections = _topics(database, {topic: count for topic, (count, _, _) in spans.items()})
         self.spans = {topic: (start, end) for topic, (_, start, end) in spans.items()}
 
     def _check_times(self, database: sqlite3.Connection) -> None:
@@ -143,34 +144,35 @@ def _connected(path: str, how: str) -> sqlite3.Connection:
     return sqlite3.connect(uri, uri=True, timeout=0, check_same_thread=False)
 
 
-def topics_of(database: sqlite3.Connection, counts: Mapping[int, int]) -> list[Connection]:
+def _topics(database: sqlite3.Connection, counts: Mapping[int, int]) -> list[Connection]:
     """Return the topics, in the order of their ids, with their definitions and these counts of messages."""
-    definitions = _read_definitions(database)
-    columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
-    digest = "type_description_hash" if "type_description_hash" in columns else "''"
+    topics = _rows(database, "SELECT * FROM topics ORDER BY id")
+    defined = database.execute("PRAGMA table_info(message_definitions)").fetchall()
+    definitions = _rows(database, "SELECT * FROM message_definitions") if defined else ()
+    found = connections_of({topic["id"]: topic for topic in topics}, definitions)
+    return [connection._replace(msgcount=counts.get(connection.id, 0)) for connection in found]
+
+
+def _rows(database: sqlite3.Connection, query: str) -> list[dict[str, Any]]:
+    cursor = database.execute(query)
+    names = [column[0] for column in cursor.description]
+    return [dict(zip(names, row, strict=True)) for row in cursor]
+
+
+def connections_of(
+    topics: Mapping[int, Mapping[str, Any]], definitions: Iterable[Mapping[str, Any]]
+) -> list[Connection]:
+    """Describe topics by the rows of the tables `topics`, by their ids, and `message_definitions`."""
+    known: dict[str, list[tuple[str, MessageDefinition]]] = {}
+    for row in definitions:
+        if row["encoding"] in FORMATS:
+            definition = MessageDefinition(FORMATS[row["encoding"]], row["encoded_message_definition"])
+            known.setdefault(row["topic_type"], []).append((row.get(_HASH) or "", definition))
     found = []
-    for number, name, type_name, encoding, type_hash in database.execute(
-        f"SELECT id, name, type, serialization_format, {digest} FROM topics ORDER BY id"  # noqa: S608  no outside text
-    ):
-        definition = _definition(definitions.get(type_name, []), type_hash or "")
-        connection = ros2_connection(number, name, type_name, definition, type_hash or "", encoding)
-        found.append(connection._replace(msgcount=counts.get(number, 0)))
-    return found
-
-
-def _read_definitions(database: sqlite3.Connection) -> dict[str, list[tuple[str, MessageDefinition]]]:
-    """Return the definitions of each type, with their hashes."""
-    columns = {row[1] for row in database.execute("PRAGMA table_info(message_definitions)")}
-    if not columns:
-        return {}
-    digest = "type_description_hash" if "type_description_hash" in columns else "''"
-    found: dict[str, list[tuple[str, MessageDefinition]]] = {}
-    for type_name, encoding, text, type_hash in database.execute(
-        f"SELECT topic_type, encoding, encoded_message_definition, {digest} FROM message_definitions"  # noqa: S608  no outside text
-    ):
-        if encoding in FORMATS:
-            definition = MessageDefinition(FORMATS[encoding], text)
-            found.setdefault(type_name, []).append((type_hash or "", definition))
+    for number, row in topics.items():
+        name, digest, encoding = row["type"], row.get(_HASH) or "", row.get("serialization_format") or "cdr"
+        definition = _definition(known.get(name, []), digest)
+        found.append(ros2_connection(number, row["name"], name, definition, digest, encoding))
     return found
 
 
@@ -273,7 +275,7 @@ class GrowingDb3:
         rows, size = [], 0
         with named(str(self.path)) as path, closing(_connected(path, how)) as database:
             refuse_what_calculates(database)
-            self.connections = topics_of(database, {})
+            self.connections = _topics(database, {})
             # A message of nothing is one that cannot be decoded, and is told as such.
             query = (
                 "SELECT rowid, topic_id, timestamp, CAST(coalesce(data, x'') AS BLOB) FROM messages "

@@ -15,21 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.interfaces import MessageDefinition
 
 from formats.byte_sources import kept, named
 from formats.content import SIDE_FILES
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.raw_messages import (
-    FORMATS,
-    NO_DEFINITION,
-    WILD,
-    Messages,
-    astray,
-    collected,
-    ros2_connection,
-)
+from formats.rosbag.storage.db3 import connections_of
+from formats.rosbag.storage.raw_messages import WILD, Messages, astray, collected
 from formats.rosbag.storage.salvaged_file import Piece, SalvagedFile
 from formats.sqlite_pages import INDEX_LEAF, INDEX_NODE, TABLE_LEAF, BrokenPageError, PageCell, Pages, layout
 
@@ -138,25 +130,18 @@ class SalvagedDb3(SalvagedFile):
                 self._lost.add(page)
 
     def _topics(self, tables: dict[str, _Table]) -> dict[int, Connection]:
-        definitions: dict[str, MessageDefinition] = {}
-        for _, told in self._named_rows(tables.get("message_definitions")):
-            if told.get("encoding") in FORMATS:
-                language, text = FORMATS[str(told["encoding"])], str(told.get("encoded_message_definition"))
-                definitions[str(told.get("topic_type"))] = MessageDefinition(language, text)
-        known = {}
-        for number, told in self._named_rows(tables["topics"]):
-            name, kind = told.get("name"), told.get("type")
-            if isinstance(name, str) and isinstance(kind, str):
-                digest = str(told.get("type_description_hash") or "")
-                encoding = str(told.get("serialization_format") or "cdr")
-                definition = definitions.get(kind, NO_DEFINITION)
-                known[number] = ros2_connection(number, name, kind, definition, digest, encoding)
-        return known
+        topics = self._named_rows(tables["topics"], ("name", "type"))
+        columns = ("topic_type", "encoding", "encoded_message_definition")
+        definitions = self._named_rows(tables.get("message_definitions"), columns)
+        return {one.id: one for one in connections_of(topics, definitions.values())}
 
-    def _named_rows(self, table: _Table | None) -> Iterator[tuple[int, dict[str, Value]]]:
-        if table is not None:
-            root, names = table
-            yield from ((row, dict(zip(names, values, strict=False))) for row, values in self._table(root))
+    def _named_rows(self, table: _Table | None, texts: Sequence[str]) -> dict[int, dict[str, Value]]:
+        """Return the rows of a table in which some columns are texts."""
+        if table is None:
+            return {}
+        root, names = table
+        rows = {row: dict(zip(names, values, strict=False)) for row, values in self._table(root)}
+        return {n: row for n, row in rows.items() if all(isinstance(row.get(text), str) for text in texts)}
 
     def _messages(self, tables: dict[str, _Table], topics: set[int]) -> Index:
         """Return the rows of messages: topic, time, place of the record in the file, its size, number."""

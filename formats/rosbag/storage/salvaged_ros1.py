@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
 
 from formats.limits import CHUNK_BYTES
-from formats.rosbag.definition_texts import msg_text
+from formats.rosbag.definitions import msg_text
 from formats.rosbag.storage import record_file
 from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
 
