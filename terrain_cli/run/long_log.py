@@ -8,11 +8,12 @@ takes about as long as windows and estimates: a second process halves the time.
 from __future__ import annotations
 
 import os
-import pickle
+import queue
 import signal
 from collections import Counter
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -44,10 +45,7 @@ LONGEST = 1 << 20  # Longest window: a soil that goes on for longer is cut there
 #: Channels that windows, estimates and the table are made of.
 _KEPT = {*NEEDED, "x", "y", "longitude", "latitude"}
 BEHIND = "@behind"  # Samples set aside behind each usable one, among its drivers
-#: Parts that may wait for the other process: as many as make a reach, and one that is being read. What
-#: is longer than this many bytes goes through the pipe.
-_SLOTS, _ROOM = 5, 12 << 20
-_ALIGNED = 64
+_AHEAD = 5  # Parts that may wait in the other process: as many as make a reach, and one that is being read
 
 
 def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
@@ -253,12 +251,8 @@ class _Beside:
 
         # A fork would copy the locks of the threads that read.
         context = get_context("spawn")
-        self._shared = context.RawArray("B", _SLOTS * _ROOM)
-        self._room = np.frombuffer(self._shared, dtype=np.uint8).reshape(_SLOTS, _ROOM)
         self._link, theirs = context.Pipe()
-        self._sent = self._done = 0
-        given = theirs, self._shared, settings
-        self._process = context.Process(target=_work_there, args=given, daemon=True)
+        self._process = context.Process(target=_work_there, args=(theirs, settings), daemon=True)
         if hasattr(signal, "pthread_sigmask"):
             from multiprocessing import resource_tracker
 
@@ -275,58 +269,28 @@ class _Beside:
         self._process.kill()
         self._process.join()
 
-    def take(self, part: Samples) -> None:
-        """Hand a part over; wait while too many are not yet fetched."""
-        if self._sent - self._done == _SLOTS:
+    def take(self, part: Samples | None) -> None:
+        """Hand a part over, None after the last; wait while too many are not yet fetched."""
+        try:
+            self._link.send(part)
+        except OSError:
+            # It has died, and perhaps said of what.
             self._hear()
-            self._done += 1
-        slot = self._sent % _SLOTS
-        buffers: list[pickle.PickleBuffer] = []
-        head = pickle.dumps(part, protocol=5, buffer_callback=buffers.append)
-        pieces = [np.frombuffer(buffer.raw(), dtype=np.uint8) for buffer in buffers]
-        sizes = [len(piece) for piece in pieces]
-        places = _places(sizes)
-        if places[-1] > _ROOM:
-            head, places, pieces = pickle.dumps(part, protocol=5), [0], []
-        for place, piece in zip(places, pieces, strict=False):
-            self._room[slot, place : place + len(piece)] = piece
-        self._tell((slot, sizes if pieces else [], head))
-        self._sent += 1
 
     def end(self) -> dict[str, LongWheel]:
         """Return the wheels by their names, once all of their windows are made."""
-        self._tell(None)
-        while self._done < self._sent:
-            self._hear()
-            self._done += 1
-        wheels: dict[str, LongWheel] = self._hear()
-        return wheels
+        self.take(None)
+        return self._hear()
 
-    def _tell(self, message: object) -> None:
+    def _hear(self) -> dict[str, LongWheel]:
         try:
-            self._link.send(message)
-        except OSError:
-            # It has died, and perhaps said of what.
-            while True:
-                self._hear()
-
-    def _hear(self) -> Any:
-        try:
-            reply = self._link.recv()
+            reply: dict[str, LongWheel] | Exception = self._link.recv()
         except (EOFError, OSError):
             what = "the process that makes windows and estimates was killed; out of memory?"
             raise TerrainError(what, hint="free some memory, and run again") from None
         if isinstance(reply, Exception):
             raise reply
         return reply
-
-
-def _places(sizes: list[int]) -> list[int]:
-    """Return where pieces of these sizes begin in a slot, and where the last one ends."""
-    places = [0]
-    for size in sizes:
-        places.append(-(-(places[-1] + size) // _ALIGNED) * _ALIGNED)
-    return places
 
 
 @contextmanager
@@ -342,12 +306,12 @@ def _uninterrupted() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _work_there(link: Connection, shared: Any, settings: Settings) -> None:
+def _work_there(link: Connection, settings: Settings) -> None:
     """Work through what comes, and send the wheels when all has come: the life of the other process."""
     # Where who started this process has gone, there is nobody to tell.
     with suppress(EOFError, OSError):
         try:
-            reply: object = work(_received(link, shared), settings)
+            reply: object = work(_received(link), settings)
         except (EOFError, OSError):
             raise
         except Exception as error:  # noqa: BLE001 - it is raised there
@@ -355,13 +319,20 @@ def _work_there(link: Connection, shared: Any, settings: Settings) -> None:
         link.send(reply)
 
 
-def _received(link: Connection, shared: Any) -> Iterator[Samples]:
-    room = np.frombuffer(shared, dtype=np.uint8).reshape(_SLOTS, -1)
-    for slot, sizes, head in iter(link.recv, None):
-        places = _places(sizes)
-        # A copy, so that the next part can come while windows still hold this one.
-        own = room[slot, : places[-1]].copy().data
-        buffers = [own[place : place + size] for place, size in zip(places, sizes, strict=False)]
-        part: Samples = pickle.loads(head, buffers=buffers)  # noqa: S301 - of our own parent
-        link.send(None)
+def _received(link: Connection) -> Iterator[Samples]:
+    """Yield the parts that come; some are fetched ahead, so that reading goes on while windows are made."""
+    ahead: queue.Queue[Samples | Exception | None] = queue.Queue(_AHEAD)
+
+    def fetch() -> None:
+        try:
+            while (part := link.recv()) is not None:
+                ahead.put(part)
+            ahead.put(None)
+        except (EOFError, OSError) as error:
+            ahead.put(error)
+
+    Thread(target=fetch, daemon=True).start()
+    while (part := ahead.get()) is not None:
+        if isinstance(part, Exception):
+            raise part
         yield part

@@ -83,15 +83,9 @@ def test_another_process_makes_the_same_table(long, settings):
 
 
 def test_parts_arrive_bit_by_bit_as_they_were():
-    # More than can wait, so that places are used again.
+    # More than can wait.
     given = lean_parts()
-    assert len(given) > 2 * long_log._SLOTS
-    assert_equal(long_log.work_beside(given, Settings()), long_log.work(given, Settings()))
-
-
-def test_a_part_that_has_no_room(monkeypatch):
-    monkeypatch.setattr(long_log, "_ROOM", 4096)
-    given = lean_parts()
+    assert len(given) > 2 * long_log._AHEAD
     assert_equal(long_log.work_beside(given, Settings()), long_log.work(given, Settings()))
 
 
