@@ -38,11 +38,7 @@ if TYPE_CHECKING:
 @comparison_options.cutting
 @comparison_options.soils
 @options.as_json
-@options.value(
-    "--plot DIR",
-    paths.PICTURES,
-    "Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).",
-)
+@options.plot("Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).")
 @options.quiet
 @click.pass_context
 def command(context: click.Context, /, **_: Any) -> None:

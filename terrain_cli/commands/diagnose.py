@@ -53,11 +53,7 @@ from terrain_cli.presentation.terminal import Progress, say
 @options.wheel
 @comparison_options.cutting
 @options.as_json
-@options.value(
-    "--plot DIR",
-    paths.PICTURES,
-    "Write a picture of the candidates into this folder, as PNG and SVG (extra: plot).",
-)
+@options.plot("Write a picture of the candidates into this folder, as PNG and SVG (extra: plot).")
 @options.quiet
 @click.pass_context
 def command(context: click.Context, /, **_: Any) -> None:

@@ -20,15 +20,11 @@ if TYPE_CHECKING:
     from terrain_cli.models import Assumption
 
 
-@click.group(
+@options.group(
     "effects",
-    cls=options.Group,
-    epilog="""\b
-Examples:
-  terrain-est effects list --kind sensor
-  terrain-est effects show slip-sinkage
-  terrain-est effects check cable-drag.toml
-""",
+    "terrain-est effects list --kind sensor",
+    "terrain-est effects show slip-sinkage",
+    "terrain-est effects check cable-drag.toml",
 )
 def command() -> None:
     """Show the physical effects that can be added to a model, and check effects of your own.

@@ -74,9 +74,7 @@ _WHOLE = ("summary", "samples", "rejects", "trace", "posterior", "places", "salv
     "Write the joint posterior of c and φ here: for each segment a grid, and the covariance of all its "
     "parameters. Takes a second or two a segment.",
 )
-@options.value(
-    "--plot DIR",
-    paths.PICTURES,
+@options.plot(
     "Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
     "how it converges. With --follow only that, by any method, drawn anew as rows come.",
 )

@@ -173,11 +173,7 @@ def _text(document: dict[str, Any]) -> list[str]:
 )
 @click.argument("file", type=paths.MODEL, metavar="FILE")
 @options.as_json
-@options.value(
-    "--plot DIR",
-    paths.PICTURES,
-    "Write a picture of the errors into this folder, as PNG and SVG (extra: plot).",
-)
+@options.plot("Write a picture of the errors into this folder, as PNG and SVG (extra: plot).")
 @options.quiet
 def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     """Show the ladder of errors of a model FILE: every effect added or removed, and what that did.
@@ -236,17 +232,12 @@ def remove(context: click.Context, /, **_: Any) -> None:
     model_changes.change(context, "remove")
 
 
-@click.group(
+@options.group(
     "model",
-    cls=options.Group,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est model new model.toml
-  terrain-est model add model.toml slip-sinkage --data day1/*.mcap
-  terrain-est model add model.toml --until-quiet --data run.bag
-  terrain-est model history model.toml
-""",
+    "terrain-est model new model.toml",
+    "terrain-est model add model.toml slip-sinkage --data day1/*.mcap",
+    "terrain-est model add model.toml --until-quiet --data run.bag",
+    "terrain-est model history model.toml",
 )
 def command() -> None:
     """Write model files, show them, and improve them step by step.

@@ -121,8 +121,18 @@ def verb(
     name: str, *examples: str, cls: type[click.Command] = paths.Verb, short_help: str | None = None
 ) -> Callable[[Callable[..., Any]], click.Command]:
     """Return the decorator of a verb, whose help ends with examples, each what a person types."""
-    epilog = "\b\nExamples:\n" + "".join(f"  {example}\n" for example in examples)
-    return click.command(name, cls=cls, context_settings=CONTEXT, short_help=short_help, epilog=epilog)
+    return click.command(
+        name, cls=cls, context_settings=CONTEXT, short_help=short_help, epilog=_epilog(examples)
+    )
+
+
+def group(name: str, *examples: str) -> Callable[[Callable[..., Any]], click.Group]:
+    """Return the decorator of a verb that has verbs of its own, with examples as those of `verb`."""
+    return click.group(name, cls=Group, context_settings=CONTEXT, epilog=_epilog(examples))
+
+
+def _epilog(examples: Iterable[str]) -> str:
+    return "\b\nExamples:\n" + "".join(f"  {example}\n" for example in examples)
 
 
 def value(shown: str, kind: Any, told: str, **more: Any) -> Callable[[F], F]:
@@ -246,6 +256,11 @@ force = click.option(
 )
 quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
+
+
+def plot(told: str) -> Callable[[F], F]:
+    """Return the option --plot, with what is drawn told in the help."""
+    return value("--plot DIR", paths.PICTURES, told)
 
 
 def jobs(told: str) -> Callable[[F], F]:

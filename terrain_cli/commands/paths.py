@@ -21,11 +21,12 @@ from terrain_cli.errors import UsageError
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
 _STREAM = "standard output"
+_INPUT, _EFFECT_FILE = "the input", "the effect file"
 
 
 class Read(NamedTuple):
@@ -41,12 +42,14 @@ class Read(NamedTuple):
 class Named(click.Path):
     """The name of a file or folder. What is wrong with one is told by whoever opens it."""
 
-    def __init__(self) -> None:
+    def __init__(
+        self,
+        reads: Callable[[str], Iterable[Read]] = lambda _: (),
+        known: Callable[[], Iterable[str]] = tuple,
+    ) -> None:
         super().__init__(readable=False, allow_dash=True)
-
-    def known(self) -> Iterable[str]:
-        """Return names that stand for no file."""
-        return ()
+        #: The files that are read because of a name; and names that stand for no file.
+        self.reads, self.known = reads, known
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
         # bash forgets what comes before a file.
@@ -54,29 +57,9 @@ class Named(click.Path):
             CompletionItem(name) for name in self.known() if name.startswith(incomplete)
         ]
 
-    def reads(self, name: str) -> Iterable[Read]:  # noqa: ARG002 - some names stand for nothing that is read
-        """Return the files that are read because of a name."""
-        return ()
-
 
 class Reads(Named):
     """A file that is read."""
-
-    def __init__(self, what: str) -> None:
-        super().__init__()
-        self.what = what
-
-    def reads(self, name: str) -> Iterator[Read]:
-        yield Read(self.what, name)
-
-
-class _Logs(Reads):
-    """Logs, or a table that is read as one: files, folders and patterns."""
-
-    def reads(self, name: str) -> Iterator[Read]:
-        from formats.source import parts
-
-        return (Read(self.what, part) for log in logs_of(name) for part in parts(log))
 
 
 class _Effect(Reads):
@@ -85,39 +68,54 @@ class _Effect(Reads):
     # In the environment a space stands between two: there may be a colon in one.
     envvar_list_splitter = None  # type: ignore[assignment]
 
-    def known(self) -> Iterable[str]:
-        from terrain_cli.effects import NAMES
 
-        return NAMES
+def _logs(what: str) -> Callable[[str], Iterable[Read]]:
+    """Return what reads logs, or a table that is read as one: files, folders and patterns."""
 
-    def reads(self, name: str) -> Iterator[Read]:
-        from terrain_cli import models
+    def reads(name: str) -> Iterable[Read]:
+        from formats.source import parts
 
-        names = dict.fromkeys((name, name.rpartition(":")[0]))
-        yield from (Read(self.what, one) for one in names if models.is_path(one))
+        return (Read(what, part) for log in logs_of(name) for part in parts(log))
 
-
-class _Model(Reads):
-    """A base, or a model file and the effect files that it names."""
-
-    def known(self) -> Iterable[str]:
-        return BASES
-
-    def reads(self, name: str) -> Iterator[Read]:
-        if name not in BASES:
-            yield Read(self.what, name)
-            yield from _effects(name)
+    return reads
 
 
-class _Drive(Reads):
-    """The file of a drive to simulate, with the model and the effects that it names."""
+def _effect_names() -> Iterable[str]:
+    from terrain_cli.effects import NAMES
 
-    def reads(self, name: str) -> Iterator[Read]:
-        yield Read(self.what, name)
+    return NAMES
+
+
+def _effect(name: str) -> Iterator[Read]:
+    from terrain_cli import models
+
+    names = dict.fromkeys((name, name.rpartition(":")[0]))
+    yield from (Read(_EFFECT_FILE, one) for one in names if models.is_path(one))
+
+
+def _effects(name: str) -> Iterator[Read]:
+    """Yield the effect files that a model, or a drive, names."""
+    from terrain_cli import models
+
+    for effect in content(name).get("effects") or ():
+        if isinstance(effect, str) and models.is_path(effect):
+            yield Read(_EFFECT_FILE, str(Path(name).parent / effect))
+
+
+def _model(name: str) -> Iterator[Read]:
+    """Yield a model file, which a base is not, and the effect files that it names."""
+    if name not in BASES:
+        yield Read("the model file", name)
         yield from _effects(name)
-        model = content(name).get("model")
-        if isinstance(model, str):
-            yield from MODEL.reads(model if model in BASES else str(Path(name).parent / model))
+
+
+def _drive(name: str) -> Iterator[Read]:
+    """Yield the file of a drive to simulate, with the model and the effects that it names."""
+    yield Read("the file of the drive", name)
+    yield from _effects(name)
+    model = content(name).get("model")
+    if isinstance(model, str):
+        yield from _model(model if model in BASES else str(Path(name).parent / model))
 
 
 class Writes(Named):
@@ -131,11 +129,8 @@ class Writes(Named):
     def __init__(
         self, sign: Sign | None = None, *, result: bool = False, layer: bool = False, changed: bool = False
     ) -> None:
-        super().__init__()
+        super().__init__(_effects if changed else lambda _: ())
         self.sign, self.result, self.layer, self.changed = sign, result, layer, changed
-
-    def reads(self, name: str) -> Iterable[Read]:
-        return _effects(name) if self.changed else ()
 
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the files that are there no more, or are others, once it is written."""
@@ -237,13 +232,13 @@ class _Write(NamedTuple):
         return set() if self.stream else self.identities
 
 
-INPUT = _Logs("the input")
-ROVER = Reads("the rover file")
-PLACES = _Logs("the localisation table")
-MODEL = _Model("the model file")
-EFFECT = _Effect("the effect file")
-EFFECT_FILE = Reads("the effect file")
-DRIVE = _Drive("the file of the drive")
+INPUT = Reads(_logs(_INPUT))
+ROVER = Reads(lambda name: (Read("the rover file", name),))
+PLACES = Reads(_logs("the localisation table"))
+MODEL = Reads(_model, lambda: BASES)
+EFFECT = _Effect(_effect, _effect_names)
+EFFECT_FILE = Reads(lambda name: (Read(_EFFECT_FILE, name),))
+DRIVE = Reads(_drive)
 OUTPUT = Writes()
 RESULT = Writes(result=True)
 SEGMENTS = Writes(named_files.SEGMENTS, result=True, layer=True)
@@ -273,7 +268,7 @@ def check(context: click.Context) -> None:
     writes = list(_writes(context))
     # No file has a NUL in its name; what a model file names may.
     reads = [(read, identity(read.path)) for read in _reads(context) if "\0" not in read.path]
-    several = [n for _, kind, n in _named(context) if isinstance(kind, _Logs) and not os.path.isfile(n)]  # noqa: PTH113
+    several = [n for _, kind, n in _named(context) if kind in {INPUT, PLACES} and not os.path.isfile(n)]  # noqa: PTH113
     for write in writes:
         _check_reads(write, reads)
         if not write.standard and not write.kind.changed:
@@ -336,7 +331,7 @@ def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
     replaced, kind = write.identities, write.kind
     for read, known in reads:
         onto = known in replaced or kind.holds(write.path, read.path)
-        if onto and not (read.what == INPUT.what and _skips(write, read.path)):
+        if onto and not (read.what == _INPUT and _skips(write, read.path)):
             raise UsageError(
                 f"{write} would be written onto {read}",
                 hint="a command never writes onto what it reads: name another file",
@@ -386,12 +381,3 @@ def _check_pair(first: _Write, second: _Write) -> None:
         f"{first.option} and {second.option} both go to {where}",
         hint="only a .gpkg holds both, as two layers" if layers else "give each a file of its own",
     )
-
-
-def _effects(name: str) -> Iterator[Read]:
-    """Yield the effect files that a model, or a drive, names."""
-    from terrain_cli import models
-
-    for effect in content(name).get("effects") or ():
-        if isinstance(effect, str) and models.is_path(effect):
-            yield Read(EFFECT.what, str(Path(name).parent / effect))

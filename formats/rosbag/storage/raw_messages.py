@@ -46,7 +46,6 @@ _MAKERS: dict[str, Callable[[], Any]] = {
 CORRUPT = (ValueError, OSError, RuntimeError, zstd.ZstdError)
 DAMAGE = (*CORRUPT, EOFError, struct.error)  # What reading the records of a damaged file raises
 _COUNTED = 64  # Messages that are taken before their bytes are counted
-_LZ4_AT_ONCE = 4 << 20  # LZ4 packs 255 times at its best: as much as this cannot become more than 1 GiB
 
 
 def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) -> bytes:
@@ -58,34 +57,17 @@ def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) ->
     limit = unpacked_limit(len(packed), min(most, CHUNK_BYTES))
     parts, size, rest = [], 0, bytes(packed)
     while rest:
-        # The size that a frame states, if any: lz4 makes room for it at once, be it true or not.
-        claimed = int.from_bytes(rest[6:14], "little") if len(rest) > 4 and rest[4] & 0x08 else 0
-        if packing == "lz4" and len(rest) <= _LZ4_AT_ONCE and claimed <= limit - size:
-            part, rest = _lz4_frame(rest)
-            size += len(part)
-        else:
-            unpacker = _MAKERS[packing]()
-            part = unpacker.decompress(rest, max_length=limit - size + 1)
-            size += len(part)
-            if size <= limit and not unpacker.eof:
-                raise ValueError(f"its {packing} data end too early")
-            rest = unpacker.unused_data or b""
+        unpacker = _MAKERS[packing]()
+        part = unpacker.decompress(rest, max_length=limit - size + 1)
+        size += len(part)
+        if size <= limit and not unpacker.eof:
+            raise ValueError(f"its {packing} data end too early")
+        rest = unpacker.unused_data or b""
         if size > limit:
             ratio = "" if limit == CHUNK_BYTES else f", from {len(packed):,} packed with {packing}"
             raise TooMuchError(f"a chunk unpacks to more than {limit:,} bytes{ratio}")
         parts.append(part)
     return b"".join(parts)
-
-
-def _lz4_frame(data: bytes) -> tuple[bytes, bytes]:
-    """Unpack one frame at once, which is faster than a decompressor; return what follows it too."""
-    try:
-        part, read = lz4.frame.decompress(data, return_bytes_read=True)
-    except RuntimeError as error:
-        if "incomplete" in str(error):
-            raise ValueError("its lz4 data end too early") from error
-        raise
-    return part, data[read:]
 
 
 @dataclass(frozen=True, slots=True)
