@@ -202,19 +202,13 @@ def columns(
     """Read those of `width` columns that are in `kinds`; before an OddError what came is right."""
     # Odd is a row of other width, a cell that is no number or loses digits, a quote mark, a NUL byte.
     names = [str(place) for place in range(width)]
-    # Every spelling of a missing value is compared with every cell. Most numbers are there, or the cell is
-    # empty, or a NaN, which is a number; the other spellings are looked for where that does not do.
-    numbers = all(pa.types.is_floating(kind) for kind in kinds.values())
-    convert = [
-        pc.ConvertOptions(
-            include_columns=[names[place] for place in kinds],
-            column_types={names[place]: kind for place, kind in kinds.items()},
-            strings_can_be_null=True,
-            null_values=spellings,
-            decimal_point=decimal,
-        )
-        for spellings in ([""], list(MISSING_SPELLINGS))[0 if numbers else 1 :]
-    ]
+    convert = pc.ConvertOptions(
+        include_columns=[names[place] for place in kinds],
+        column_types={names[place]: kind for place, kind in kinds.items()},
+        strings_can_be_null=True,
+        null_values=list(MISSING_SPELLINGS),
+        decimal_point=decimal,
+    )
     parse = partial(_parse, names=names, delimiter=delimiter, convert=convert)
     with ThreadPoolExecutor(_THREADS) as pool:
         waiting: deque[Future[list[pa.Array]]] = deque()
@@ -244,23 +238,18 @@ def _pieces(stream: TextStream) -> Iterator[bytes]:
 
 
 def _parse(
-    piece: bytes, *, names: Sequence[str], delimiter: str, convert: Sequence[pc.ConvertOptions]
+    piece: bytes, *, names: Sequence[str], delimiter: str, convert: pc.ConvertOptions
 ) -> list[pa.Array]:
-    for options in convert:
-        try:
-            table = pc.read_csv(
-                pa.BufferReader(piece),
-                read_options=pc.ReadOptions(
-                    use_threads=False, block_size=len(piece) + 1, column_names=list(names)
-                ),
-                parse_options=pc.ParseOptions(delimiter=delimiter, quote_char=False),
-                convert_options=options,
-            ).combine_chunks()
-        except pa.ArrowInvalid as error:
-            if options is convert[-1]:
-                raise OddError from error
-        else:
-            break
+    size = len(piece) + 1
+    try:
+        table = pc.read_csv(
+            pa.BufferReader(piece),
+            read_options=pc.ReadOptions(use_threads=False, block_size=size, column_names=list(names)),
+            parse_options=pc.ParseOptions(delimiter=delimiter, quote_char=False),
+            convert_options=convert,
+        ).combine_chunks()
+    except pa.ArrowInvalid as error:
+        raise OddError from error
     found = [column.chunk(0) if column.num_chunks else pa.array([], column.type) for column in table.columns]
     for cells in found:
         if pa.types.is_floating(cells.type) and (np.abs(floats(cells)) >= EXACT).any():
