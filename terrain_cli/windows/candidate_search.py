@@ -26,10 +26,8 @@ _CALM = 4
 _RESTLESS = 0.2
 #: Rounds go on while they leave fewer than this share of the places.
 _THINNING = 0.7
-#: Windows whose costs are computed together: few enough to stay in the processor's cache.
-_TOGETHER = 8192
-#: Chunks whose costs are computed together at least: they are copied side by side.
-_LEAST_TOGETHER = 16
+#: Chunks whose costs are computed together: few enough to stay in the processor's cache.
+_TOGETHER = 512
 #: Searches from which the correlation of the noise is learnt, and their samples at least.
 _SURVEYED, _SURVEYED_SAMPLES = 32, 512
 #: Least length of their windows: shorter ones would take the correlation for soil.
@@ -68,9 +66,8 @@ class _Chunks:
         # First and last place of all windows of a chunk, those with the same last one together.
         b, a = np.tril_indices(len(index), k=-1)
         self._cost = np.full((len(a), index.shape[1]), np.inf)
-        together = max(_LEAST_TOGETHER, _TOGETHER // len(a))
-        for begin in range(0, index.shape[1], together):
-            some = slice(begin, begin + together)
+        for begin in range(0, index.shape[1], _TOGETHER):
+            some = slice(begin, begin + _TOGETHER)
             allowed = _allowed(limits, places.samples[index[:, some]], places.samples[-1], a, b)
             kept = np.flatnonzero(allowed.any(axis=1))
             sums = places.sums.take(index[:, some], axis=1)
@@ -144,15 +141,11 @@ def _promising(moments: RunningMoments, penalty: float) -> _Places:
     if moments.step < LONG:
         return _Places(moments.edges, moments.total)
     groups = len(moments.samples) // (moments.step * _CALM)
-    restless = np.empty(groups, dtype=bool)
-    together = max(1, _TOGETHER // _CALM)
-    for first in range(0, groups, together):
-        last = min(first + together, groups)
-        total = moments.total[:, first * _CALM : last * _CALM + 1]
-        ends = total[:, ::_CALM]
-        parts = np.stack([total[: line_costs.YY, k:-1:_CALM] for k in range(1, _CALM)], axis=1)
-        parts -= ends[: line_costs.YY, None, :-1]
-        restless[first:last] = _wanders(np.diff(ends, axis=1), parts, _RESTLESS * penalty)
+    total = moments.total[:, : groups * _CALM + 1]
+    ends = total[:, ::_CALM]
+    parts = np.stack([total[: line_costs.YY, k:-1:_CALM] for k in range(1, _CALM)], axis=1)
+    parts -= ends[: line_costs.YY, None, :-1]
+    restless = _wanders(np.diff(ends, axis=1), parts, _RESTLESS * penalty)
     # The seams, what is left at the end, and all places of groups that are not calm.
     kept = np.ones(len(moments.edges), dtype=bool)
     group = kept[: groups * _CALM].reshape(groups, _CALM)

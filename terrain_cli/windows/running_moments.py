@@ -28,11 +28,7 @@ from terrain_cli.windows.line_costs import (
 from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
-    Parts = Sequence[Index]
 
 #: No channel is known better than this share of its value.
 FLOOR = 2e-3
@@ -54,48 +50,41 @@ def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
     variance of x, covariance, variance of y, in Pa², shape (3, blocks).
     """
     n = len(samples)
-    number = sample_blocks.sizes(n, step)
-    rows = np.empty((sample_blocks.ROWS, len(number)))
     usual = np.abs(samples.at(np.arange(0, n, 1 + n // 4096))).mean(axis=1)
     usual[usual == 0.0] = 1.0
-    stale = list(sample_blocks.slabs(n, step))
-    with np.errstate(invalid="ignore"):
-        place, middles = _measure(samples, step, usual, stale, rows)
+    rows, place, middles = _measure(samples, step, usual)
     # Where three of five are wild, some are seen only after others have been replaced.
     for _ in range(3):
         if not len(place):
             break
         samples.replace(place, middles)
-        stale = list(sample_blocks.about(place, n, step))
-        place, middles = _measure(samples, step, usual, stale, rows)
+        rows, place, middles = _measure(samples, step, usual)
+    number = sample_blocks.sizes(n, step)
     return rows[sample_blocks.POWERS], block_noise(rows, number, step, LEVEL_FLOOR * usual)
 
 
-def _measure(
-    samples: ReplacedSamples, step: int, usual: Array, parts: Parts, out: Array
-) -> tuple[Index, Array]:
-    """Fill in the rows of these blocks, one part after another in the same memory.
+def _measure(samples: ReplacedSamples, step: int, usual: Array) -> tuple[Array, Index, Array]:
+    """Sum over blocks, one slab after another in the same memory.
 
-    Returns which of their samples are wild, and the medians of x and y there.
+    Returns the rows of `sample_blocks.summed`, which samples are wild, and the medians of x and y there.
     """
-    spans = [sample_blocks.around(part, len(samples), step) for part in parts]
-    room = np.empty((6, max(len(span) for span in spans) * step))
+    n = len(samples)
+    slabs = list(sample_blocks.slabs(n, step))
+    out = np.empty((sample_blocks.ROWS, slabs[-1][1]))
+    room = np.empty((6, max(end - begin for _, _, begin, end in slabs) * step))
     far = []
-    for part, span in zip(parts, spans, strict=True):
-        x, y = samples.of_blocks(span, step)
+    for first, last, begin, end in slabs:
+        x, y = samples.between(begin * step, min(end * step, n))
         rows, place, limit = sample_blocks.summed(x, y, step, usual[0] / usual[1], room)
-        own = sample_blocks.as_index(np.searchsorted(span, part))
-        out[:, sample_blocks.as_index(part)] = rows[:, own]
-        asked = np.zeros(len(span), dtype=bool)
-        asked[own] = True
-        mine = asked[place // step]
+        out[:, first:last] = rows[:, first - begin : last - begin]
+        mine = (place >= (first - begin) * step) & (place < (last - begin) * step)
         place = place[mine]
-        far.append((span[place // step] * step + place % step, limit[:, mine], _five(x, y, place)))
+        far.append((begin * step + place, limit[:, mine], _five(x, y, place)))
     place, limit, five = (np.concatenate(some, axis=-1) for some in zip(*far, strict=True))
     # No sample is further from its median than from one of its neighbours.
     middles = np.median(five, axis=1)
     wild = (np.abs(five[:, 2] - middles) > limit).any(axis=0)
-    return place[wild], middles[:, wild]
+    return out, place[wild], middles[:, wild]
 
 
 def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:

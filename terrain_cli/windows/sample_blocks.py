@@ -44,43 +44,13 @@ def reach(step: int) -> int:
     return max(1, round(REACH / step))
 
 
-def slabs(n: int, step: int) -> Iterator[Index]:
-    """Part blocks, by their rising numbers, into runs."""
-    count, length = len(sizes(n, step)), max(1, _SLAB // step)
-    for first in range(0, count, length):
-        yield np.arange(first, min(first + length, count))
-
-
-def about(place: Index, n: int, step: int) -> Iterator[Index]:
-    """Part the blocks that depend on some samples into pieces, with what is around them as long as a run."""
-    away = 2 * reach(step) + 2
-    block = _beside(np.unique(place // step), away, (n - 1) // step)
-    length = max(1, _SLAB // step // (2 * away))
-    for first in range(0, len(block), length):
-        yield block[first : first + length]
-
-
-def around(block: Index, n: int, step: int) -> Index:
-    """Return the blocks on which depends what `summed` tells of blocks, and these: rising."""
+def slabs(n: int, step: int) -> Iterator[tuple[int, int, int, int]]:
+    """Part blocks into runs: where each begins and ends, and where what `summed` needs for it does."""
     # At an end of the series means are those of its first or last blocks, as many as elsewhere.
-    return _beside(block, 2 * reach(step) + 1, (n - 1) // step)
-
-
-def _beside(block: Index, away: int, last: int) -> Index:
-    """Return rising blocks and all so far away from them, none behind the last."""
-    if is_run(block):
-        return np.arange(max(block[0] - away, 0), min(block[-1] + away, last) + 1)
-    return np.unique(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
-
-
-def is_run(block: Index) -> bool:
-    """Tell whether rising blocks have none left out between them."""
-    return bool(block[-1] - block[0] == len(block) - 1)
-
-
-def as_index(block: Index) -> Index | slice:
-    """Return rising blocks as a slice where they are a run, which is copied faster."""
-    return slice(int(block[0]), int(block[-1]) + 1) if is_run(block) else block
+    count, length, away = len(sizes(n, step)), max(1, _SLAB // step), 2 * reach(step) + 1
+    for first in range(0, count, length):
+        last = min(first + length, count)
+        yield first, last, max(first - away, 0), min(last + away, count)
 
 
 def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:
@@ -200,13 +170,6 @@ class ReplacedSamples:
         found = np.stack([x, y])
         found[:, self._place[begin:end] - first] = self._instead[:, begin:end]
         return found
-
-    def of_blocks(self, block: Index, step: int) -> Array | tuple[Array, Array]:
-        """Return x and y of the samples of rising blocks; the last block of all may be shorter."""
-        if is_run(block):
-            return self.between(int(block[0]) * step, min(int(block[-1] + 1) * step, len(self)))
-        behind = max(int(block[-1] + 1) * step - len(self), 0)
-        return self.blocks(block, step).reshape(2, -1)[:, : len(block) * step - behind]
 
     def blocks(self, block: Index, step: int) -> Array:
         """Return the samples of blocks of equal length, shape (2, k, step), as from `at`."""
