@@ -38,10 +38,7 @@ def stretch_gap(time: Array, max_gap: float | None = None) -> float:
     """Longest time without a sample, in s, that does not interrupt a drive."""
     # Where samples are lost at random, what the share that is lost makes of one gap in a million; at least
     # one and a half intervals: no clock is too slow for its own samples.
-    finite = np.isfinite(time)
-    known = time if finite.all() else time[finite]
-    if np.any(known[1:] <= known[:-1]):
-        known = np.unique(known)
+    known = np.unique(time[np.isfinite(time)])
     if max_gap is None:
         steps = np.diff(known)
         usual = float(np.median(steps)) if len(steps) else 0.0

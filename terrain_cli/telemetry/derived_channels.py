@@ -34,10 +34,7 @@ def slip(angular_velocity: ArrayLike, velocity: ArrayLike, radius: float) -> Arr
     omega = np.asarray(angular_velocity, dtype=float)
     turning = np.where(np.abs(omega) > STANDING, omega, np.nan)
     ratio = np.asarray(velocity, dtype=float) / (radius * turning)
-    skids = ratio > 1.0
-    if not skids.any():
-        return np.asarray(1.0 - ratio)
-    return np.where(skids, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
+    return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
 
 
 def velocity(angular_velocity: ArrayLike, slip: ArrayLike, radius: float) -> Array:
@@ -88,13 +85,11 @@ def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: flo
     """
     time, speed = np.asarray(time, dtype=float), np.abs(np.asarray(velocity, dtype=float))
     known = np.isfinite(time) & np.isfinite(speed)
-    if not known.all():
-        time, speed = time[known], speed[known]
+    time, speed = time[known], speed[known]
     steps = np.diff(time)
     counts = (steps > 0.0) & (steps <= max_gap)
     steps *= (speed[1:] + speed[:-1]) / 2.0
-    if not counts.all():
-        steps[~counts] = 0.0
+    steps[~counts] = 0.0
     return _accumulate(steps, known)
 
 
@@ -108,9 +103,6 @@ def distance_from_track(x: ArrayLike, y: ArrayLike) -> Array:
 def _accumulate(steps: Array, known: Mask) -> Array:
     """Sum the steps between known samples; the others stay where the last known one was."""
     distance = np.zeros(len(known))
-    if known.all():
-        np.cumsum(steps, out=distance[1:])
-        return distance
     distance[np.flatnonzero(known)[1:]] = np.cumsum(steps)
     return np.maximum.accumulate(distance)
 

@@ -56,7 +56,7 @@ def wheels(
     for name in choose(named):
         key = match_name(name, plan.wheels) or name
         feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
-        rows = None
+        rows: Index | slice = slice(None)
         if named is not None and not np.all(named.codes == named.codes[0]):
             rows = np.flatnonzero(named.codes == named.names.index(name))
         result.append(_wheel(plan.source.path, name, feeds, table, rows, extras))
@@ -68,13 +68,13 @@ def _wheel(
     name: str,
     feeds: dict[str, Feed],
     table: dict[str, Column],
-    rows: Index | None,
+    rows: Index | slice,
     extras: Sequence[str],
 ) -> Raw:
     def column(header: str) -> Column:
-        return table[header] if rows is None else raw_columns.take(table[header], rows)
+        return raw_columns.take(table[header], rows)
 
-    n = len(next(iter(table.values()))) if table and rows is None else 0 if rows is None else len(rows)
+    n = len(column(next(iter(table)))) if table else 0
     raw = Raw(wheel=name, extras={extra: column(extra) for extra in extras}, feeds=feeds)
     for channel, feed in feeds.items():
         if channel == "time":

@@ -185,9 +185,6 @@ def set_aside(
     codes = np.full(n, -1, dtype=np.int32)
 
     def because(reason: str, where: Mask) -> None:
-        # Most are true of no sample.
-        if not where.any():
-            return
         first = where & (codes < 0)
         if first.any():
             codes[first] = len(names)
@@ -283,9 +280,6 @@ def stretches(
     if restarts is not None:
         begins[restarts] = True
     if time is not None and n:
-        if not begins.any() and (reasons.codes < 0).all() and np.all(np.diff(time) <= max_gap):
-            # As most drives are; the rest would find the same.
-            return np.zeros(n, dtype=np.intp)
         driven = driving_time(time, reasons, max_gap)
         ground = on_ground(reasons)
         begins[ground[1:][np.diff(driven[ground]) > max_gap + RESOLUTION]] = True

@@ -42,7 +42,6 @@ class OnlineCuts:
     def __init__(self, *, min_samples: int = CUT_SAMPLES, min_distance: float = MIN_DISTANCE) -> None:
         self._limits: dict[str, Any] = {"min_samples": min_samples, "min_distance": min_distance}
         self._recent: Array = np.empty((0, 0))
-        self._filled = 0
         #: Samples so far, and which of them begins the open window.
         self.count = self.begin = 0
         self._bounds: list[int] = []
@@ -80,38 +79,26 @@ class OnlineCuts:
     @property
     def _is_due(self) -> bool:
         assert self._last is not None  # noqa: S101 - set before the first samples are kept
-        now = float(self._recent[TIME, self._filled - 1])
+        now = float(self._recent[TIME, -1])
         return now >= self._last[0] + self._wait and self.count >= self._last[1] + EVERY_SAMPLES
 
     def _keep(self, columns: Array) -> None:
-        for first in range(0, columns.shape[1], HORIZON):
-            part = columns[:, first : first + HORIZON].copy()
-            size = part.shape[1]
-            if self._filled:
-                # What was summed part by part may fall by a digit.
-                part[DRIVEN, 0] = np.maximum(part[DRIVEN, 0], self._recent[DRIVEN, self._filled - 1])
-            np.maximum.accumulate(part[DRIVEN], out=part[DRIVEN])
-            if not self._recent.size:
-                self._recent = np.empty((len(part), 2 * HORIZON))
-            if self._filled + size > 2 * HORIZON:
-                kept = HORIZON - size
-                self._recent[:, :kept] = self._recent[:, self._filled - kept : self._filled]
-                self._filled = kept
-            self._recent[:, self._filled : self._filled + size] = part
-            self._filled += size
-            self.count += size
+        before = self._recent if self._recent.size else columns[:, :0]
+        every = np.concatenate([before, columns], axis=1)
+        # What was summed part by part may fall by a digit.
+        np.maximum.accumulate(every[DRIVEN], out=every[DRIVEN])
+        self._recent = every[:, -HORIZON:]
+        self.count += columns.shape[1]
 
     def _search(self, *, last: bool) -> list[int]:
-        known = min(self._filled, HORIZON)
-        recent = self._recent[:, self._filled - known : self._filled]
-        first = self.count - known
+        recent = self._recent
+        first = self.count - recent.shape[1]
         begin = max(self.begin, first)
         part = recent[:, begin - first :]
         distance = None if np.isnan(part[DRIVEN]).any() else part[DRIVEN]
         found = begin + change_points(part[X], part[Y], distance=distance, **self._limits)
         inner = self._explained(recent, first, found[1:-1])
-        if self._filled:
-            self._last = (float(recent[TIME, -1]), self.count)
+        self._last = (float(recent[TIME, -1]), self.count)
         final = []
         for bound in inner.tolist():
             known_before = len(self._seen) and np.abs(self._seen - bound).min() <= _SAME

@@ -90,7 +90,7 @@ def test_memory_does_not_grow():
     columns[online_cuts.DRIVEN] = np.nan
     cuts.add(columns)
     assert cuts.count == columns.shape[1]
-    assert cuts._recent.shape == (len(columns), 2 * HORIZON)
+    assert cuts._recent.shape == (len(columns), HORIZON)
 
 
 def test_places_are_those_that_were_given():
