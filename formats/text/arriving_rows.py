@@ -7,14 +7,13 @@ import json
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pyarrow as pa
 
 from formats.content import BAGS, COMPRESSED, FILE_KINDS, HEAD_BYTES, content
 from formats.errors import FormatError
 from formats.table import Field, Source, Stream
 from formats.text import unguarded
-from formats.text.cell_values import EXACT, MISSING, Names, kind_of, numbers, times
+from formats.text.cell_values import MISSING, Names, kind_of, numbers, times
 from formats.text.dialect import examine, split_line
 
 if TYPE_CHECKING:
@@ -169,14 +168,6 @@ class ArrivingRows(Source):
         kind = self._kinds[name]
         if kind == "text":
             return self._names.setdefault(name, Names(unguarded)).labels(pa.array(cells, pa.string()))
-        if kind == "number" and self._decimal == ".":
-            try:
-                values = np.array(list(map(float, cells)))
-            except ValueError:
-                pass
-            else:
-                if not (np.abs(values) >= EXACT).any():
-                    return values
         array = pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())
         found, bad = times(array) if kind == "time" else numbers(array, self._decimal)
         self.cells[name] += int(bad.sum())
