@@ -83,7 +83,7 @@ def define(text: str, *, idl: bool) -> None:
         MessageDefinitionFormat,
     )
 
-    from formats.rosbag.decoder import Decoder, UndecodableError
+    from formats.rosbag.decoder import UndecodableError, decoded
     from formats.rosbag.definitions import UnusableError
     from formats.rosbag.definitions import define as find
 
@@ -92,7 +92,7 @@ def define(text: str, *, idl: bool) -> None:
     connection = Connection(1, "/a", "a/msg/B", MessageDefinition(kind, text), "", 1, ext, None)
     for ros1 in (False, True):
         with suppress(UnusableError, UndecodableError):
-            Decoder(find(connection, ros1=ros1)).message(b"\0\1\0\0" + bytes(range(200)))
+            decoded(find(connection, ros1=ros1), b"\0\1\0\0" + bytes(range(200)))
 
 
 def targets() -> dict[str, tuple[Target, list[bytes]]]:

@@ -200,7 +200,7 @@ class ArrivingBag(BagSource):
             reading = by_topic.get(connection.topic)
             if reading and place not in readings and place not in self._unusable:
                 try:
-                    reading.decoders[place] = self._decoder(connection)
+                    reading.definitions[place] = self._definition(connection)
                 except UnusableError as error:
                     self._unusable.add(place)
                     self.remarks.append(f"{connection.topic} cannot be read: {error}")

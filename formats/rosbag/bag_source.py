@@ -11,7 +11,7 @@ import numpy as np
 
 from formats.errors import DamagedError, FormatError
 from formats.rosbag.containers import Container
-from formats.rosbag.decoder import Decodable, Decoder, UndecodableError, labels
+from formats.rosbag.decoder import Decodable, UndecodableError, columns, first_elements, labels
 from formats.rosbag.definitions import NAT, FieldRequest, UnusableError, define
 from formats.rosbag.definitions import STAMP as HEADER_STAMP
 from formats.rosbag.storage.chunks import RUN_BYTES
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
     from formats.rosbag.bulk_extraction import Elements
-    from formats.rosbag.definitions import Leaf, Values
+    from formats.rosbag.definitions import Definition, Leaf, Values
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Messages
     from formats.table import Batch
@@ -36,11 +36,11 @@ MOST_ELEMENTS = 256
 
 @dataclass(eq=False)
 class Reading:
-    """The columns of one topic, collected until they fill a batch; decoders are by connection."""
+    """The columns of one topic, collected until they fill a batch; definitions are by connection."""
 
     path: str
     stream: Stream
-    decoders: dict[int, Decoder]
+    definitions: dict[int, Definition]
     asked: Sequence[FieldRequest]
     batch_rows: int
 
@@ -50,7 +50,7 @@ class Reading:
         self._absent = {request.asked: request for request in self.asked if request.key is not None}
         #: Which of two messages logged at one time comes first is for rosbags a matter of their
         #: connections in ROS 1, of their place in the file in ROS 2.
-        self._ties_by_connection = any(decoder.definition.ros1 for decoder in self.decoders.values())
+        self._ties_by_connection = any(one.ros1 for one in self.definitions.values())
         self._done = 0
         #: Log times and columns that are not in a batch yet.
         self._waiting: list[list[Values]] = []
@@ -111,7 +111,7 @@ class Reading:
 
     def _decode(self, place: int, messages: Messages, numbers: NDArray[np.int64]) -> list[Values]:
         try:
-            found = self.decoders[place].columns(messages, self._requests)
+            found = columns(self.definitions[place], messages, self._requests)
         except UndecodableError as error:
             what = f"{self.topic}: message {numbers[error.row]} does not fit its definition ({error})"
             hint = "the recording is damaged there, or its definition is not the one it was written with"
@@ -140,7 +140,7 @@ class _Topic:
     """The connections that carry one topic, by their place in the container."""
 
     places: list[int] = field(default_factory=list)
-    decoders: dict[int, Decoder] = field(default_factory=dict)
+    definitions: dict[int, Definition] = field(default_factory=dict)
     unusable: dict[int, str] = field(default_factory=dict)  # Why others have none
     stream: Stream = field(init=False)
     #: The names of the elements of each list, where they have names.
@@ -158,7 +158,7 @@ class BagSource(Source):
         self.remarks += self._container.remarks
         self.recovery = self._container.recovery
         self._decodable = Decodable(self.recovery, self.remarks) if self.recovery else None
-        self._decoders: dict[tuple[object, ...], Decoder] = {}
+        self._definitions: dict[tuple[object, ...], Definition] = {}
 
     def streams(self) -> tuple[Stream, ...]:
         """Return the topics in the order of the file; types are called as in ROS 2: sensor_msgs/msg/Imu."""
@@ -171,17 +171,17 @@ class BagSource(Source):
             topic = topics.setdefault(connection.topic, _Topic())
             topic.places.append(place)
             try:
-                topic.decoders[place] = self._decoder(connection)
+                topic.definitions[place] = self._definition(connection)
             except UnusableError as error:
                 topic.unusable[place] = f"{connection.msgtype}: {error}"
         for name, topic in topics.items():
             reasons = sorted(set(topic.unusable.values()))
             self.remarks += [f"{name} cannot be read: {reason}" for reason in reasons]
-        elements = self._elements({name: topic.decoders for name, topic in topics.items()})
+        elements = self._elements({name: topic.definitions for name, topic in topics.items()})
         for name, topic in topics.items():
             topic.stream = self._stream(name, topic, elements[name])
             topic.names = {of: frozenset(texts) for of, (texts, named) in elements[name].items() if named}
-        standard = [one.definition for one in self._decoders.values() if one.definition.origin]
+        standard = [one for one in self._definitions.values() if one.origin]
         if standard:
             types, origin = ", ".join(sorted({one.type for one in standard})), standard[0].origin
             self.remarks.append(f"no definition in the file of {types}: read as {origin} defines it")
@@ -190,8 +190,8 @@ class BagSource(Source):
     def _stream(self, name: str, topic: _Topic, elements: Mapping[str, Elements]) -> Stream:
         connections = self._container.connections
         leaves: dict[str, Leaf] = {}
-        for decoder in topic.decoders.values():
-            for leaf in decoder.definition.leaves.values():
+        for definition in topic.definitions.values():
+            for leaf in definition.leaves.values():
                 if leaves.setdefault(leaf.name, leaf).kind != leaf.kind:
                     kinds = f"{leaves[leaf.name].kind} to one publisher and {leaf.kind} to another"
                     self.remarks.append(f"{name}: {leaf.name} is {kinds}; only the former is read")
@@ -208,21 +208,21 @@ class BagSource(Source):
             end=end,
         )
 
-    def _decoder(self, connection: Connection) -> Decoder:
-        """Return the decoder of a type; wheels of one kind often have a topic each."""
+    def _definition(self, connection: Connection) -> Definition:
+        """Return the definition of a type; wheels of one kind often have a topic each."""
         key = connection.msgtype, connection.msgdef, connection.digest
-        if key not in self._decoders:
-            self._decoders[key] = Decoder(define(connection, ros1=self.kind == "ros1"))
-        return self._decoders[key]
+        if key not in self._definitions:
+            self._definitions[key] = define(connection, ros1=self.kind == "ros1")
+        return self._definitions[key]
 
-    def _elements(self, topics: Mapping[str, dict[int, Decoder]]) -> dict[str, dict[str, Elements]]:
+    def _elements(self, topics: Mapping[str, dict[int, Definition]]) -> dict[str, dict[str, Elements]]:
         """Return the elements of each list in the first message of each topic, and whether they are names."""
         # Topics that begin in one chunk are told together, so that it is unpacked once.
         told: dict[str, dict[str, Elements]] = {name: {} for name in topics}
-        waiting = {name for name, decoders in topics.items() if any(map(_lists, decoders.values()))}
+        waiting = {name for name, own in topics.items() if any(map(_lists, own.values()))}
         while waiting:
-            decoders = {place: decoder for name in waiting for place, decoder in topics[name].items()}
-            run = next(filter(None, self._runs(decoders, 1)), {})
+            definitions = {place: one for name in waiting for place, one in topics[name].items()}
+            run = next(filter(None, self._runs(definitions, 1)), {})
             begun = {name for name in waiting if not run.keys().isdisjoint(topics[name])}
             for name in sorted(begun):
                 run_of = {place: run[place] for place in topics[name] if place in run}
@@ -230,14 +230,16 @@ class BagSource(Source):
             waiting = waiting - begun if begun else set()
         return told
 
-    def _elements_in(self, run: Run, decoders: Mapping[int, Decoder], topic: str) -> dict[str, Elements]:
+    def _elements_in(
+        self, run: Run, definitions: Mapping[int, Definition], topic: str
+    ) -> dict[str, Elements]:
         """Return the elements of each list in the first message of a run of one topic."""
         place = min(run, key=lambda place: (int(run[place].times[0]), int(run[place].order[0])))
-        own = decoders[place].definition.leaves
-        lists = [leaf for decoder in decoders.values() for leaf in _lists(decoder)]
+        own = definitions[place].leaves
+        lists = [leaf for one in definitions.values() for leaf in _lists(one)]
         found = [leaf for leaf in lists if own.get(leaf.name) == leaf]
         try:
-            elements = decoders[place].elements(run[place].take(slice(1)), found)
+            elements = first_elements(definitions[place], run[place].take(slice(1)), found)
         except UndecodableError as error:
             self.remarks.append(f"{topic}: message 1 cannot be decoded ({error})")
             return {}
@@ -259,8 +261,8 @@ class BagSource(Source):
         for topic, names in fields.items():
             found = self._usable(topic)
             asked = [self._request(found, name) for name in names]
-            reading = Reading(self.path, found.stream, found.decoders, asked, batch_rows)
-            readings |= dict.fromkeys(found.decoders, reading)
+            reading = Reading(self.path, found.stream, found.definitions, asked, batch_rows)
+            readings |= dict.fromkeys(found.definitions, reading)
         return readings
 
     def _usable(self, topic: str) -> _Topic:
@@ -295,9 +297,9 @@ class BagSource(Source):
         key = int(text) if by_place else text
         return FieldRequest(asked, name, "number" if field.kind == "numbers" else "text", key)
 
-    def _runs(self, decoders: Mapping[int, Decoder], size: int = RUN_BYTES) -> Iterator[Run]:
-        runs = self._container.runs(decoders.keys(), size)
-        return self._decodable.only(runs, decoders) if self._decodable else runs
+    def _runs(self, definitions: Mapping[int, Definition], size: int = RUN_BYTES) -> Iterator[Run]:
+        runs = self._container.runs(definitions.keys(), size)
+        return self._decodable.only(runs, definitions) if self._decodable else runs
 
     def _batches(self, readings: Mapping[int, Reading]) -> Iterator[tuple[str, Batch]]:
         yield from self._full(readings)
@@ -307,8 +309,8 @@ class BagSource(Source):
 
     def _full(self, readings: Mapping[int, Reading]) -> Iterator[tuple[str, Batch]]:
         """Read all messages, and yield the batches that are full."""
-        decoders = {place: reading.decoders[place] for place, reading in readings.items()}
-        for run in self._runs(decoders):
+        definitions = {place: reading.definitions[place] for place, reading in readings.items()}
+        for run in self._runs(definitions):
             for reading in dict.fromkeys(readings.values()):
                 own = {place: run[place] for place in sorted(run) if readings[place] is reading}
                 for piece in reading.pieces(own):
@@ -316,5 +318,5 @@ class BagSource(Source):
                     yield from ((reading.topic, batch) for batch in reading.batches())
 
 
-def _lists(decoder: Decoder) -> list[Leaf]:
-    return [leaf for leaf in decoder.definition.leaves.values() if leaf.kind in {"numbers", "texts"}]
+def _lists(definition: Definition) -> list[Leaf]:
+    return [leaf for leaf in definition.leaves.values() if leaf.kind in {"numbers", "texts"}]

@@ -31,49 +31,48 @@ class UndecodableError(Exception):
         self.row = row
 
 
-class Decoder:
-    """Columns out of the payloads of one connection."""
+def columns(
+    definition: Definition, messages: Messages, requests: Sequence[FieldRequest]
+) -> list[tuple[Values, bool]]:
+    """Take one value per request from each message, and tell whether any message has it."""
+    leaves = [_leaf(definition, request) for request in requests]
+    wanted = [(leaf, request) for leaf, request in zip(leaves, requests, strict=True) if leaf is not None]
+    try:
+        found = iter(gather(definition, messages, wanted))
+    except UnevenError:
+        plain = [decoded(definition, messages.payload(row), row) for row in range(len(messages))]
+        found = iter([extract(plain, leaf, request) for leaf, request in wanted])
+    return [
+        (request.blank(len(messages)), False) if leaf is None else next(found)
+        for leaf, request in zip(leaves, requests, strict=True)
+    ]
 
-    def __init__(self, definition: Definition) -> None:
-        self.definition = definition
 
-    def columns(self, messages: Messages, requests: Sequence[FieldRequest]) -> list[tuple[Values, bool]]:
-        """Take one value per request from each message, and tell whether any message has it."""
-        leaves = [self._leaf(request) for request in requests]
-        wanted = [(leaf, request) for leaf, request in zip(leaves, requests, strict=True) if leaf is not None]
-        try:
-            found = iter(gather(self.definition, messages, wanted))
-        except UnevenError:
-            decoded = [self.message(messages.payload(row), row) for row in range(len(messages))]
-            found = iter([extract(decoded, leaf, request) for leaf, request in wanted])
-        return [
-            (request.blank(len(messages)), False) if leaf is None else next(found)
-            for leaf, request in zip(leaves, requests, strict=True)
-        ]
+def first_elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
+    try:
+        return elements(definition, message, lists)
+    except UnevenError:
+        plain = decoded(definition, message.payload(0))
+        return [elements_of(plain, leaf) for leaf in lists]
 
-    def elements(self, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
-        try:
-            return elements(self.definition, message, lists)
-        except UnevenError:
-            decoded = self.message(message.payload(0))
-            return [elements_of(decoded, leaf) for leaf in lists]
 
-    def message(self, payload: bytes, row: int = 0) -> object:
-        try:
-            store = self.definition.store
-            if self.definition.ros1:
-                return store.deserialize_ros1(payload, self.definition.type)
-            return store.deserialize_cdr(payload, self.definition.type)
-        except Exception as error:  # rosbags answers damaged bytes and texts with any exception there is
-            raise UndecodableError(row, " ".join(str(error).split())[:160] or type(error).__name__) from error
+def decoded(definition: Definition, payload: bytes, row: int = 0) -> object:
+    """Decode one message by rosbags."""
+    try:
+        store = definition.store
+        decode = store.deserialize_ros1 if definition.ros1 else store.deserialize_cdr
+        return decode(payload, definition.type)
+    except Exception as error:  # rosbags answers damaged bytes and texts with any exception there is
+        raise UndecodableError(row, " ".join(str(error).split())[:160] or type(error).__name__) from error
 
-    def _leaf(self, request: FieldRequest) -> Leaf | None:
-        """Find the field in this definition, which need not be the one it was listed by."""
-        if request.asked == STAMP and not self.definition.stamped:
-            return None
-        leaf = self.definition.leaves.get(request.field)
-        plural = "" if request.key is None else "s"
-        return leaf if leaf is not None and leaf.kind == request.kind + plural else None
+
+def _leaf(definition: Definition, request: FieldRequest) -> Leaf | None:
+    """Find the field in this definition, which need not be the one it was listed by."""
+    if request.asked == STAMP and not definition.stamped:
+        return None
+    leaf = definition.leaves.get(request.field)
+    plural = "" if request.key is None else "s"
+    return leaf if leaf is not None and leaf.kind == request.kind + plural else None
 
 
 class Decodable:
@@ -86,18 +85,18 @@ class Decodable:
         self._known: set[tuple[int, int]] = set()
         remarks[:0] = self._told
 
-    def only(self, runs: Iterable[Run], decoders: Mapping[int, Decoder]) -> Iterator[Run]:
+    def only(self, runs: Iterable[Run], definitions: Mapping[int, Definition]) -> Iterator[Run]:
         for run in runs:
-            kept = {place: self._kept(place, messages, decoders[place]) for place, messages in run.items()}
+            kept = {place: self._kept(place, messages, definitions[place]) for place, messages in run.items()}
             yield {place: messages for place, messages in kept.items() if len(messages)}
 
-    def _kept(self, place: int, messages: Messages, decoder: Decoder) -> Messages:
+    def _kept(self, place: int, messages: Messages, definition: Definition) -> Messages:
         if not len(messages):
             return messages
         try:
-            gather(decoder.definition, messages, _texts(decoder, messages))
+            gather(definition, messages, _texts(definition, messages))
         except (UnevenError, UndecodableError):
-            right = np.array([_decodes(decoder, messages, row) for row in range(len(messages))])
+            right = np.array([_decodes(definition, messages, row) for row in range(len(messages))])
             self._note(place, messages.order[~right].tolist())
             return messages.take(right)
         return messages
@@ -115,12 +114,12 @@ class Decodable:
         self._remarks[:0] = self._told
 
 
-def _texts(decoder: Decoder, messages: Messages) -> list[tuple[Leaf, FieldRequest]]:
+def _texts(definition: Definition, messages: Messages) -> list[tuple[Leaf, FieldRequest]]:
     """Ask for every text of the messages: numbers are right in any bytes, texts are not."""
-    leaves = decoder.definition.leaves.values()
+    leaves = definition.leaves.values()
     wanted = [(leaf, FieldRequest(leaf.name, leaf.name, "text")) for leaf in leaves if leaf.kind == "text"]
     if lists := [leaf for leaf in leaves if leaf.kind == "texts"]:
-        first = decoder.message(messages.payload(0))
+        first = decoded(definition, messages.payload(0))
         for leaf in lists:
             places = range(len(elements_of(first, leaf)[0]))
             asked = {place: f"{leaf.name}[{place}]" for place in places}
@@ -128,9 +127,9 @@ def _texts(decoder: Decoder, messages: Messages) -> list[tuple[Leaf, FieldReques
     return wanted
 
 
-def _decodes(decoder: Decoder, messages: Messages, row: int) -> bool:
+def _decodes(definition: Definition, messages: Messages, row: int) -> bool:
     try:
-        decoder.message(messages.payload(row))
+        decoded(definition, messages.payload(row))
     except UndecodableError:
         return False
     return True

@@ -21,7 +21,7 @@ from formats import limits
 from formats.limits import LEAVES, TooMuchError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
     from rosbags.interfaces import Connection
@@ -49,6 +49,7 @@ BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
 #: rosbags takes longer to parse the definitions of a bag than it takes to read a minute of its messages, and
 #: those of the next bag are the same.
 _types_of_msg = lru_cache(256)(get_types_from_msg)
+_STANDARD = {True: Stores.ROS1_NOETIC, False: Stores.ROS2_HUMBLE}
 #: What a message without fields is given by the ROS 2 tools: one byte that means nothing.
 FILLER = "structure_needs_at_least_one_member"
 _FILLED: tuple[str, FieldDesc] = FILLER, (Nodetype.BASE, ("uint8", 0))
@@ -117,13 +118,17 @@ class Definition:
     #: This type and those it is made of, as rosbags parses them.
     types: Typesdict
     leaves: dict[str, Leaf]
-    compile: Callable[[], Typestore]  # Makes the store that decodes single messages
     origin: str = ""  # Where the definition is from, if not from the file
 
     @cached_property
     def store(self) -> Typestore:
         """What decodes single messages; for each type rosbags writes and compiles a class."""
-        return self.compile()
+        if self.origin:
+            return get_typestore(_STANDARD[self.ros1])
+        # A store of its own: two connections may define one type differently.
+        store = get_typestore(Stores.EMPTY)
+        store.register({name: self.types[name] for name in self.types.keys() - BUILT_IN.keys()})
+        return store
 
     @property
     def stamped(self) -> bool:
@@ -144,23 +149,17 @@ def define(connection: Connection, *, ros1: bool) -> Definition:
     reasons = []
     for find, origin in ((_from_file, ""), (_from_standard, "ROS 1 Noetic" if ros1 else "ROS 2 Humble")):
         try:
-            types, compiled = find(connection, ros1=ros1)
+            types = find(connection, ros1=ros1)
             leaves = find_leaves(types, connection.msgtype)
         except UnusableError as error:
             reasons.append(str(error))
         else:
-            return Definition(
-                type=connection.msgtype,
-                ros1=ros1,
-                types=types,
-                leaves=leaves,
-                compile=compiled,
-                origin=origin,
-            )
+            name = connection.msgtype
+            return Definition(type=name, ros1=ros1, types=types, leaves=leaves, origin=origin)
     raise UnusableError(reasons[0])
 
 
-def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:
+def _from_file(connection: Connection, *, ros1: bool) -> Typesdict:
     text = connection.msgdef.data
     blank_on_purpose = ros1 and connection.digest == MD5_OF_NOTHING
     if connection.msgdef.format == MessageDefinitionFormat.NONE or not (text.strip() or blank_on_purpose):
@@ -177,20 +176,12 @@ def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callab
         raise UnusableError(str(error)) from error
     except Exception as error:  # a damaged text makes rosbags' parser fail in any way
         raise UnusableError("its definition in the file cannot be parsed") from error
-    types = {name: ([], fields or [_FILLED]) for name, (_, fields) in types.items()}
-
-    def compiled() -> Typestore:
-        # A store of its own: two connections may define one type differently.
-        store = get_typestore(Stores.EMPTY)
-        store.register({name: types[name] for name in types if name not in store.fielddefs})
-        return store
-
-    return types | BUILT_IN, compiled
+    return {name: ([], fields or [_FILLED]) for name, (_, fields) in types.items()} | BUILT_IN
 
 
-def _from_standard(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:
+def _from_standard(connection: Connection, *, ros1: bool) -> Typesdict:
     """Take a standard type, if its hash is the one the recorder noted (ROS 2 did not always)."""
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    store = get_typestore(_STANDARD[ros1])
     known = connection.msgtype in store.fielddefs
     if known and ros1:
         known = connection.digest == store.generate_msgdef(connection.msgtype)[1]
@@ -198,7 +189,7 @@ def _from_standard(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Ca
         known = connection.digest == store.hash_rihs01(connection.msgtype)
     if not known:
         raise UnusableError("it is not a standard type")
-    return store.fielddefs, lambda: store
+    return store.fielddefs
 
 
 def find_leaves(types: Typesdict, type_name: str) -> dict[str, Leaf]:

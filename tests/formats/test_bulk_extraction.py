@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from profiles import examples
 from rosbags.typesys import Stores, get_typestore
 
+from formats.rosbag import decoder
 from formats.rosbag.bulk_extraction import UnevenError, gather
-from formats.rosbag.decoder import Decoder, UndecodableError, extract
+from formats.rosbag.decoder import UndecodableError, extract
 from formats.rosbag.definitions import Definition, FieldRequest, find_leaves
 from formats.rosbag.storage.raw_messages import of_payloads
 
@@ -40,8 +41,7 @@ def same(fast, slow, wanted):
 
 def compare(definition, payloads, *, must_be_fast):
     wanted = requests(definition)
-    decoder = Decoder(definition)
-    messages = [decoder.message(payload) for payload in payloads]
+    messages = [decoder.decoded(definition, payload) for payload in payloads]
     slow = [extract(messages, *pair) for pair in wanted]
     try:
         fast = gather(definition, of_payloads(payloads), wanted)
@@ -49,7 +49,7 @@ def compare(definition, payloads, *, must_be_fast):
         assert not must_be_fast
         fast = slow
     same(fast, slow, wanted)
-    same(decoder.columns(of_payloads(payloads), [request for _, request in wanted]), slow, wanted)
+    same(decoder.columns(definition, of_payloads(payloads), [request for _, request in wanted]), slow, wanted)
     return dict(zip((request.asked for _, request in wanted), (values for values, _ in fast), strict=True))
 
 
@@ -59,7 +59,6 @@ def define(store, name, *, ros1):
         ros1=ros1,
         types=store.fielddefs,
         leaves=find_leaves(store.fielddefs, name),
-        compile=lambda: store,
     )
 
 
@@ -179,7 +178,8 @@ def test_lists_that_go_the_plain_way(order, counts):
     definition, payloads = pack("Wheel[] wheels\nuint8 end\n", rows, order)
     with pytest.raises(UnevenError):
         gather(definition, of_payloads(payloads), requests(definition))
-    columns = Decoder(definition).columns(
+    columns = decoder.columns(
+        definition,
         of_payloads(payloads),
         [FieldRequest("t", "wheels.torque", "number", "w1"), FieldRequest("end", "end", "number")],
     )
@@ -203,23 +203,24 @@ ROW = {"s": "abc", "a": [1.0, 2.0], "name": ["x", "yy"], "wheels": [{"name": "fl
 @orders
 def test_a_message_cut_anywhere_is_never_read_as_something_else(order):
     definition, (whole,) = pack(TEXT, [ROW], order)
-    decoder = Decoder(definition)
     asked = [request for _, request in requests(definition)]
     for size in range(len(whole)):
         with pytest.raises(UndecodableError) as caught:
-            decoder.columns(of_payloads([whole, whole[:size], whole]), asked)
+            decoder.columns(definition, of_payloads([whole, whole[:size], whole]), asked)
         assert caught.value.row == 1
 
 
 @orders
 def test_bytes_left_over(order):
     definition, (whole,) = pack(TEXT, [ROW], order)
-    decoder = Decoder(definition)
     asked = [FieldRequest("end", "end", "number")]
     if order != "ros1":  # CDR may be padded
-        assert decoder.columns(of_payloads([whole, whole + bytes(3)]), asked)[0][0].tolist() == [9, 9]
+        assert decoder.columns(definition, of_payloads([whole, whole + bytes(3)]), asked)[0][0].tolist() == [
+            9,
+            9,
+        ]
     with pytest.raises(UndecodableError) as caught:
-        decoder.columns(of_payloads([whole, whole, whole + bytes(4)]), asked)
+        decoder.columns(definition, of_payloads([whole, whole, whole + bytes(4)]), asked)
     assert caught.value.row == 2
 
 
@@ -230,35 +231,35 @@ def test_damaged_bytes_give_an_error_or_what_the_plain_way_gives(data, order):
     broken = bytearray(whole)
     for _ in range(data.draw(st.integers(1, 3))):
         broken[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    decoder = Decoder(definition)
     wanted = requests(definition)
     try:
-        messages = [decoder.message(whole), decoder.message(bytes(broken))]
+        messages = [decoder.decoded(definition, whole), decoder.decoded(definition, bytes(broken))]
     except UndecodableError as error:
         assume("utf-8" not in str(error))  # only texts that are asked for are decoded the fast way
         with pytest.raises(UndecodableError):
-            decoder.columns(of_payloads([whole, bytes(broken)]), [request for _, request in wanted])
+            decoder.columns(
+                definition, of_payloads([whole, bytes(broken)]), [request for _, request in wanted]
+            )
     else:
         slow = [extract(messages, *pair) for pair in wanted]
         both = of_payloads([whole, bytes(broken)])
-        same(decoder.columns(both, [request for _, request in wanted]), slow, wanted)
+        same(decoder.columns(definition, both, [request for _, request in wanted]), slow, wanted)
 
 
 @orders
 def test_a_text_that_is_not_utf8_harms_only_who_asks_for_it(order):
     definition, (whole,) = pack("string s\nuint16 end\n", [{"s": "ab", "end": 9}], order)
     broken = whole.replace(b"ab", b"\xe4b")
-    decoder = Decoder(definition)
-    assert decoder.columns(of_payloads([broken]), [FieldRequest("end", "end", "number")])[0][0].tolist() == [
-        9
-    ]
+    assert decoder.columns(definition, of_payloads([broken]), [FieldRequest("end", "end", "number")])[0][
+        0
+    ].tolist() == [9]
     with pytest.raises(UndecodableError):
-        decoder.columns(of_payloads([broken]), [FieldRequest("s", "s", "text")])
+        decoder.columns(definition, of_payloads([broken]), [FieldRequest("s", "s", "text")])
 
 
 def test_an_encapsulation_that_is_not_plain_cdr():
     definition, (whole,) = pack("int32 a\n", [{"a": 1}], "<")
     with pytest.raises(UndecodableError, match="encapsulation"):
-        Decoder(definition).columns(
-            of_payloads([b"\x00\x07" + whole[2:]]), [FieldRequest("a", "a", "number")]
+        decoder.columns(
+            definition, of_payloads([b"\x00\x07" + whole[2:]]), [FieldRequest("a", "a", "number")]
         )

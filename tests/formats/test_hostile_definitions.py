@@ -7,7 +7,7 @@ import struct
 import pytest
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
-from formats.rosbag.decoder import Decoder, UndecodableError
+from formats.rosbag.decoder import UndecodableError, decoded
 from formats.rosbag.definitions import FILLER, UnusableError, define
 
 pytestmark = pytest.mark.usefixtures("soon")
@@ -119,12 +119,12 @@ def test_constants_do_not_become_code(value):
 
 def test_a_definition_of_which_no_class_can_be_made():
     """Found when a message is decoded by itself, for only then rosbags writes its class."""
-    decoder = Decoder(define(connection(f"uint8 {FILLER}\nstring[] x\n"), ros1=True))
+    definition = define(connection(f"uint8 {FILLER}\nstring[] x\n"), ros1=True)
     with pytest.raises(UndecodableError, match="default"):
-        decoder.message(bytes(5))
+        decoded(definition, bytes(5))
 
 
 def test_a_list_that_claims_more_than_there_is():
-    decoder = Decoder(define(connection(f"C[] x\n{BAR}MSG: a/C\nstring[] y\n"), ros1=True))
+    definition = define(connection(f"C[] x\n{BAR}MSG: a/C\nstring[] y\n"), ros1=True)
     with pytest.raises(UndecodableError):
-        decoder.message(struct.pack("<I", 2**32 - 1) + bytes(100))
+        decoded(definition, struct.pack("<I", 2**32 - 1) + bytes(100))

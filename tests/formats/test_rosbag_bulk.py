@@ -22,7 +22,7 @@ from test_bulk_extraction import requests
 
 from formats.errors import FormatError
 from formats.rosbag import BagSource
-from formats.rosbag.decoder import Decoder, extract
+from formats.rosbag.decoder import decoded, extract
 from formats.rosbag.definitions import define
 from formats.rosbag.storage import chunks, mcap, ros1
 from formats.table import LOG_TIME, Labels
@@ -89,17 +89,17 @@ def joined(batches):
 def expected_of(source, path, kind):
     """Return every column of every topic that has messages, as rosbags decodes them."""
     places = {c.id: c for c in source._container.connections}
-    decoders = {number: Decoder(define(c, ros1=kind == "ros1")) for number, c in places.items()}
+    definitions = {number: define(c, ros1=kind == "ros1") for number, c in places.items()}
     by_topic = {}
     for number, time, data in one_by_one(path, kind):
         topic = by_topic.setdefault(places[number].topic, [])
-        topic.append((decoders[number].definition, time, decoders[number].message(data)))
+        topic.append((definitions[number], time, decoded(definitions[number], data)))
     expected = {}
     for topic, messages in by_topic.items():
         first = next(number for number, c in places.items() if c.topic == topic)
         times = np.array([time for _, time, _ in messages], dtype=np.int64)
         expected[topic] = {LOG_TIME: times.view("datetime64[ns]")}
-        for leaf, request in requests(decoders[first].definition):
+        for leaf, request in requests(definitions[first]):
             column, present = plainly(messages, leaf, request)
             if present:
                 expected[topic][request.asked] = column
