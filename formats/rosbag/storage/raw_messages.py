@@ -93,9 +93,7 @@ class Messages:
 
     def sorted(self) -> Messages:
         """Return them in the order of their log times, equal ones in that of the file."""
-        later = self.times[1:] > self.times[:-1]
-        later |= (self.times[1:] == self.times[:-1]) & (self.order[1:] > self.order[:-1])
-        return self if later.all() else self.take(np.lexsort((self.order, self.times)))
+        return self.take(np.lexsort((self.order, self.times)))
 
 
 def of_payloads(
