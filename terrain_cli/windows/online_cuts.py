@@ -54,7 +54,7 @@ class OnlineCuts:
         while columns.shape[1]:
             due = self._due(columns[TIME])
             self._keep(columns[:, :due])
-            if due <= columns.shape[1] and self._is_due:
+            if due <= columns.shape[1]:
                 told += self._search(last=False)
             columns = columns[:, due:]
         return told
@@ -68,19 +68,10 @@ class OnlineCuts:
         if self._last is None:
             self._last = (float(time[0]), self.count)
         since, count = self._last
-        late = int(np.searchsorted(time, since + self._wait))
+        # Seconds to the next search.
+        wait = AGAIN_SECONDS if self._seen.max(initial=0) > self.begin else EVERY_SECONDS
+        late = int(np.searchsorted(time, since + wait))
         return max(late + 1, count + EVERY_SAMPLES - self.count)
-
-    @property
-    def _wait(self) -> float:
-        """Seconds to the next search."""
-        return AGAIN_SECONDS if self._seen.max(initial=0) > self.begin else EVERY_SECONDS
-
-    @property
-    def _is_due(self) -> bool:
-        assert self._last is not None  # noqa: S101 - set before the first samples are kept
-        now = float(self._recent[TIME, -1])
-        return now >= self._last[0] + self._wait and self.count >= self._last[1] + EVERY_SAMPLES
 
     def _keep(self, columns: Array) -> None:
         before = self._recent if self._recent.size else columns[:, :0]
