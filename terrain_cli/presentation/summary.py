@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.estimation.strength import strength_at
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import counted, known
@@ -49,7 +50,7 @@ def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, r
     pooled = estimation.pool(estimates, rows)
     stresses = np.unique(estimates.stress[rows])
     stress = float(stresses[0]) if len(stresses) == 1 else np.nan
-    mapped, mapped_se = pooled.strength_at(stress)
+    mapped, mapped_se = strength_at(stress, pooled)
     long = rows[found != "too-few-samples"]
     separable = rows[(found != "too-few-samples") & estimates.separable[rows]]
     return {

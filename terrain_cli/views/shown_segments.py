@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison.comparison_outcome import segment_soils
+from terrain_cli.estimation import PooledEstimate
+from terrain_cli.estimation.strength import strength_at
 from terrain_cli.presentation import segment_table
 from terrain_cli.views import shown_samples
 
@@ -138,12 +140,16 @@ def mapped_strength(table: Table) -> tuple[str, Array]:
 
 def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
     """Return the strength of a segment's soil under normal stresses, with its standard error, all in kPa."""
-    slope = np.tan(np.radians(table["phi_deg"][row]))
-    slope_error = np.radians(table["phi_se_deg"][row]) * (1.0 + slope**2)
-    error = table["c_se_kPa"][row]
-    mixed = table["corr_c_phi"][row] * error * slope_error if error * slope_error > 0.0 else 0.0
-    variance = error**2 + 2.0 * stress * mixed + (stress * slope_error) ** 2
-    return table["c_kPa"][row] + slope * stress, np.sqrt(np.maximum(variance, 0.0))
+    return strength_at(
+        stress,
+        PooledEstimate(
+            c=table["c_kPa"][row],
+            c_se=table["c_se_kPa"][row],
+            phi=np.radians(table["phi_deg"][row]),
+            phi_se=np.radians(table["phi_se_deg"][row]),
+            corr=table["corr_c_phi"][row],
+        ),
+    )
 
 
 class Moment(NamedTuple):

@@ -14,6 +14,7 @@ from simulator.paper import WHEEL
 import terrain_cli as terrain
 from terrain_cli.estimation import estimate_windows, pool, recursive
 from terrain_cli.estimation.line.pooled import RecursiveLine
+from terrain_cli.estimation.strength import strength_at
 from terrain_cli.mechanics.linear import line_coordinates
 
 STRESS = 1e4
@@ -176,9 +177,9 @@ def test_the_pivot_stays_within_the_stresses_of_the_windows():
     pooled = pool(given)
     assert pooled.sigma_star == 5000.0
     assert pooled.strength == pytest.approx(1000.0 + 5000.0 * np.tan(0.55), rel=1e-6)
-    assert (pooled.strength, pooled.strength_se) == pytest.approx(pooled.strength_at(5000.0), rel=1e-6)
+    assert (pooled.strength, pooled.strength_se) == pytest.approx(strength_at(5000.0, pooled), rel=1e-6)
     error = 0.002 * (1.0 + np.tan(0.55) ** 2) * 8000.0
-    assert pooled.strength_at(8000.0)[1] ** 2 == pytest.approx(30.0**2 + 2.0 * 0.8 * 30.0 * error + error**2)
+    assert strength_at(8000.0, pooled)[1] ** 2 == pytest.approx(30.0**2 + 2.0 * 0.8 * 30.0 * error + error**2)
 
 
 def test_weights_are_inverse_variances():

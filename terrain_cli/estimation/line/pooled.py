@@ -128,8 +128,8 @@ def _states(moments: WindowMoments, *, correlated: bool) -> tuple[Array, ...]:
     """Return the columns of a trace."""
     line = fit_line(moments)
     gain = np.broadcast_to(np.eye(2)[:, :, None], (2, 2, len(moments.count)))
-    errors = uncertainty(moments, line, line.cohesion, line.tan_phi, gain, correlated=correlated)
-    return line.cohesion, errors.cohesion, np.arctan(line.tan_phi), errors.phi, errors.correlation
+    errors, _ = uncertainty(moments, line, line.cohesion, line.tan_phi, gain, correlated=correlated)
+    return line.cohesion, errors.c_se, np.arctan(line.tan_phi), errors.phi_se, errors.corr
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,15 +151,6 @@ class PooledEstimate:
     # windows' own errors, Pa and rad
     strength_between: float = np.nan
     phi_between: float = np.nan
-
-    def strength_at(self, stress: float) -> tuple[float, float]:
-        """Return the strength under a normal stress and its standard error, all in Pa."""
-        slope = np.tan(self.phi)
-        error = stress * self.phi_se * (1.0 + slope**2)
-        # An estimate without error has no correlation.
-        mixed = self.corr * self.c_se * error if self.c_se * error > 0.0 else 0.0
-        variance = self.c_se**2 + 2.0 * mixed + error**2
-        return float(self.c + stress * slope), float(np.sqrt(max(variance, 0.0)))
 
 
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:

@@ -263,7 +263,7 @@ def _estimate(
     line, penalty = fit_line(moments), ridge.choose(moments, np.concatenate(losses, axis=1))
     cohesion, tan_phi, penalised = _chosen(line, penalty, method)
     gain = np.where(penalised, penalty.gain, np.eye(2)[:, :, None])
-    errors = uncertainty(moments, line, cohesion, tan_phi, gain, correlated=correlated)
+    errors, phi_open = uncertainty(moments, line, cohesion, tan_phi, gain, correlated=correlated)
 
     count = np.diff(bounds)
     torque_rmse = np.empty(len(count))
@@ -275,7 +275,7 @@ def _estimate(
             torque_rmse[first:last] = np.sqrt(segment_sum(away**2, inner) / count[first:last])
     known = np.where(count > 0, 1.0, np.nan)
     phi = np.arctan(tan_phi) * known
-    separable = (errors.phi_open <= LARGEST_PHI_OPEN) & (errors.phi <= LARGEST_PHI_SE)
+    separable = (phi_open <= LARGEST_PHI_OPEN) & (errors.phi_se <= LARGEST_PHI_SE)
     status = np.select(
         [
             count < max(min_samples, 3),
@@ -294,29 +294,21 @@ def _estimate(
         status=status,
         separable=separable,
         c=cohesion * known,
-        c_se=errors.cohesion,
         phi=phi * known,
-        phi_se=errors.phi,
-        corr=errors.correlation,
+        **errors._replace(sigma_star=errors.sigma_star * known, strength=errors.strength * known)._asdict(),
         c_ls=line.cohesion,
         phi_ls=np.arctan(line.tan_phi),
         c_ridge=penalty.cohesion * known,
         phi_ridge=np.arctan(penalty.tan_phi) * known,
         delta=penalty.delta * known,
         condition_number=line.condition_number,
-        sigma_star=errors.pivot * known,
-        strength=errors.strength * known,
-        strength_se=errors.strength_se,
         torque_rmse=torque_rmse,
-        phi_low=errors.phi_low,
-        phi_high=errors.phi_high,
-        phi_bias=errors.phi_bias,
         shear_modulus=np.full(len(count), geometry["shear_modulus"]),
         **dict.fromkeys((*_OF_THE_FULL_MODEL, *_AT_STRESS), np.full(len(count), np.nan)),
         data_c=cohesion * known,
-        data_c_se=errors.cohesion,
+        data_c_se=errors.c_se,
         data_tan_phi=tan_phi * known,
-        data_tan_phi_se=errors.phi * (1.0 + tan_phi**2),
-        data_corr=errors.correlation,
+        data_tan_phi_se=errors.phi_se * (1.0 + tan_phi**2),
+        data_corr=errors.corr,
         **dict.fromkeys(("assumed_c_se", "assumed_tan_phi_se", "assumed_corr"), np.zeros(len(count))),
     )
