@@ -175,22 +175,6 @@ def estimate(
     return Fitted(estimates, account(windows, file, fit, held, because), posteriors, fit.noise)
 
 
-def estimate_all(
-    several: Sequence[Windows],
-    method: Method = "auto",
-    file: ModelFile | None = None,
-    *,
-    at_stress: float | None = None,
-    **options: Any,
-) -> list[Fitted]:
-    """Estimate the soils of several wheels, with strengths at one stress for all; as for `estimate`."""
-    fits: list[Fitted] = []
-    for windows in several:
-        fits.append(estimate(windows, method, file, at_stress=at_stress, **options))
-        at_stress = common_stress(at_stress, fits[-1])
-    return fits
-
-
 def _channels(windows: Windows) -> dict[str, Array]:
     """Return what is measured of the usable samples, and what the effects use."""
     samples, rows = windows.samples, windows.rows

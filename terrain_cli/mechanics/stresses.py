@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,13 +18,8 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array
 
 
-class Stresses(NamedTuple):
-    """Under the rim of a wheel, one column for each sample."""
-
-    angle: Array  # shape (nodes, n): θ in rad from the vertical, positive forward, rising down each column
-    # normal, shear: shape (nodes, n): σ and τ in Pa
-    normal: Array
-    shear: Array
+#: Angles under the rim.
+_NODES = 80
 
 
 def stresses(
@@ -32,10 +27,8 @@ def stresses(
     wheel: WheelGeometry,
     channels: Mapping[str, ArrayLike],
     values: Mapping[str, ArrayLike],
-    *,
-    nodes: int = 80,
-) -> Stresses:
-    """Return normal and shear stress at angles between the exit and the entry angle.
+) -> tuple[Array, Array, Array]:
+    """Return angles from the exit to the entry angle, rad, and normal and shear stress there, Pa; (nodes, n).
 
     Equations [7] and [8] of Iagnemma et al. 2004, and what the effects of the model make of them, at angles
     of which half are on each side of the angle of maximum stress. `channels`, shape (n,), are slip, sinkage,
@@ -60,7 +53,8 @@ def stresses(
             "shear_stress": lambda q: look(q, "shear_stress"),
         },
     )
-    predict(Model(model.base, (*model.effects, witness)), wheel, channels, values, order=max(nodes // 2, 2))
+    predict(Model(model.base, (*model.effects, witness)), wheel, channels, values, order=_NODES // 2)
     angle, normal, shear = (np.concatenate(parts, axis=1) for parts in seen.values())
     order = np.argsort(angle, axis=0)
-    return Stresses(*(np.take_along_axis(column, order, axis=0) for column in (angle, normal, shear)))
+    angle, normal, shear = (np.take_along_axis(column, order, axis=0) for column in (angle, normal, shear))
+    return angle, normal, shear

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from formats.output.common_forms import parse
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.estimation import PooledEstimate
 from terrain_cli.estimation.strength import strength_at
@@ -51,12 +52,8 @@ def groups(table: Table, most: int) -> list[str]:
 
 def paths(table: Table) -> list[Array]:
     """Read the tracks of the segments, each of shape (points, 2), empty where a segment has no place."""
-    result = []
-    for text in table["WKT"]:
-        inside = text.partition("(")[2].rstrip(")")
-        points = [pair.split() for pair in inside.split(",")] if inside else []
-        result.append(np.array(points, dtype=float).reshape(-1, 2))
-    return result
+    shapes = map(parse, table["WKT"])
+    return [np.array(shape.points if shape else (), dtype=float).reshape(-1, 2) for shape in shapes]
 
 
 def geographic(table: Table) -> bool:

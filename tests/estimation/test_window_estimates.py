@@ -283,9 +283,3 @@ def test_wrong_use():
         estimate(run, method="ols")
     with pytest.raises(UsageError, match="1 blocks"):
         estimate(run, folds=1)
-    with pytest.raises(ValueError, match="bounds must rise"):
-        estimate(run, bounds=[0, 5])
-    with pytest.raises(ValueError, match="one length"):
-        estimate_windows(
-            [1.0], [1.0], [0, 1], load=[1.0, 2.0], torque=[1.0], sinkage=[0.1], slip=[0.1], **GEOMETRY
-        )

@@ -81,7 +81,6 @@ def _of(**powers: int) -> Dimension:
 
 PLAIN = _of()
 METRE = _of(m=1)
-SECOND = _of(s=1)
 #: m^n, with n the sinkage exponent.
 METRE_TO_N = Dimension((*PLAIN.powers[:-1], Fraction(1)))
 _MEASURES = {name: _of(**powers) for name, powers in units.POWERS.items()}

@@ -162,11 +162,6 @@ def estimate_windows(
         raise UsageError(f"cross-validation over {folds} blocks", hint="2 or more")
     rows = [np.asarray(values, dtype=float) for values in (x, y, load, torque, sinkage, slip)]
     bounds = np.asarray(bounds, dtype=np.intp)
-    if any(row.shape != (rows[0].size,) for row in rows):
-        raise ValueError("x, y and the channels must be one-dimensional and of one length")
-    whole = bounds.ndim == 1 and bounds.size and (bounds[0], bounds[-1]) == (0, rows[0].size)
-    if not whole or np.any(np.diff(bounds) < 0):
-        raise ValueError("bounds must rise from 0 to the number of samples")
     geometry = {"radius": radius, "width": width, "shear_modulus": shear_modulus}
     parts = [
         _estimate(

@@ -140,9 +140,8 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
     for axes in grid.flat[len(moments) :]:
         axes.remove()
     for axes, moment in zip(grid.flat, moments, strict=False):
-        seen = stresses(moment.model, moment.wheel, moment.channels, moment.values)
-        angle = np.degrees(seen.angle[:, 0])
-        normal, shear = seen.normal[:, 0] / 1e3, seen.shear[:, 0] / 1e3
+        under = stresses(moment.model, moment.wheel, moment.channels, moment.values)
+        angle, normal, shear = np.degrees(under[0][:, 0]), under[1][:, 0] / 1e3, under[2][:, 0] / 1e3
         peak = int(np.argmax(normal))
         axes.axvline(angle[peak], color=FAINT, linewidth=0.7, linestyle=":")
         axes.text(
