@@ -308,10 +308,8 @@ def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noi
 
     others = others or Noise()
     return Noise(
-        {name: value for name, value in others.relative.items() if name not in given}
-        | {name: noise.relative for name, noise in given.items()},
-        {name: value for name, value in others.absolute.items() if name not in given}
-        | {name: noise.absolute for name, noise in given.items()},
+        {**others.relative, **{name: noise.relative for name, noise in given.items()}},
+        {**others.absolute, **{name: noise.absolute for name, noise in given.items()}},
     )
 
 
@@ -332,14 +330,9 @@ def of_fit(
     # c and φ stay empty where their number is that of the prior, or of a single sample.
     every = np.full(len(fit), fill_value=True)
     c, phi = (fit.told.get(name, every) & (fit.n > 1) for name in ("cohesion", "tan_phi"))
-    return replace(
-        estimates,
-        c=np.where(c, estimates.c, np.nan),
-        c_se=np.where(c, estimates.c_se, np.nan),
-        phi=np.where(phi, estimates.phi, np.nan),
-        phi_se=np.where(phi, estimates.phi_se, np.nan),
-        corr=np.where(c & phi, estimates.corr, np.nan),
-    )
+    told = {"c": c, "c_se": c, "phi": phi, "phi_se": phi, "corr": c & phi}
+    left = {name: np.where(there, getattr(estimates, name), np.nan) for name, there in told.items()}
+    return replace(estimates, **left)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
 from terrain_cli.telemetry import effect_inputs, rover_advice
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection
 
-    from terrain_cli.mechanics.effect import Law
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
     from terrain_cli.vocabulary.arrays import Array
@@ -88,18 +88,12 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
 
 
 def _effect(channel: str, size: float) -> Effect:
-    sign = -1.0 if channel in _FELT else 1.0
-
-    def shifted(q: Mapping[str, Any]) -> Any:
-        return q[channel] + sign * q["offset"]
-
-    laws: dict[str, Law] = {channel: shifted}
     # Not of the catalogue: rover.toml says that it is there, and no diagnosis has to find it.
     return Effect(
         id=f"{channel.replace('_', '-')}-offset",
         title=f"Offset of {channel.replace('_', ' ')}",
         kind="sensor",
         parameters=(Parameter("offset", QUANTITIES[channel], 0.0, size),),
-        laws=laws,
+        laws={channel: Law(f"{channel} {'-' if channel in _FELT else '+'} offset")},
         origin="rover.toml",
     )

@@ -196,7 +196,7 @@ def _change(step: Step) -> dict[str, Any]:
             "segments": [one._asdict() for one in step.lost],
         },
         "alarm": {
-            "silent": step.quiet,
+            "silent": not step.second.failures,
             "failures_before": _failures(step.first),
             "failures_after": _failures(step.second),
         },

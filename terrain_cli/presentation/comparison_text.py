@@ -234,10 +234,9 @@ def _off_too(comparison: Comparison) -> Iterator[str]:
 
 def title(comparison: Comparison) -> str:
     """Name the model, and say with how much data it was compared."""
-    samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
-    segments = sum(len(wheel.segments) for wheel in comparison.wheels)
-    data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
-    return f"model {named(comparison)} against {data}"
+    data = data_document(comparison)
+    where = f"{counted(data['samples'], 'sample')} in {counted(data['segments'], 'segment')}"
+    return f"model {named(comparison)} against {where}"
 
 
 def _told(finding: Finding, comparison: Comparison) -> str:

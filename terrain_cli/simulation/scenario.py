@@ -61,10 +61,6 @@ class Soil:
     frictional_modulus: float
     reference: str = ""  # Where the values are from
 
-    @property
-    def friction_angle(self) -> float:
-        return math.atan(self.tan_phi)  # rad
-
     def values(self, width: float) -> dict[str, float]:
         """Return the parameters of the model in SI units; the stiffness is kc/b + kφ, b the wheel's width."""
         return {

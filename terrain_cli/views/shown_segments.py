@@ -10,6 +10,8 @@ from formats.output.common_forms import parse
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.estimation import PooledEstimate
 from terrain_cli.estimation.strength import strength_at
+from terrain_cli.mechanics.effect import Effect
+from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.presentation import segment_table
 from terrain_cli.views import shown_samples
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
-    from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
+    from terrain_cli.mechanics.wheel_model import WheelGeometry
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
     Table = Mapping[str, Any]
@@ -28,8 +30,8 @@ if TYPE_CHECKING:
 _WIDEST = 30.0
 #: Of an ellipse that holds 95 % of a normal distribution in the plane, in standard deviations.
 ELLIPSE = 2.4477
-#: Wheels under whose rim one looks.
-MOST_MOMENTS = 4
+#: Wheels under whose rim one looks, and angles on each side of that of the greatest stress.
+MOST_MOMENTS, _NODES = 4, 40
 
 
 def names(table: Table) -> list[str]:
@@ -157,6 +159,22 @@ class Moment(NamedTuple):
     wheel: WheelGeometry
     channels: Mapping[str, ArrayLike]  # Shape (1,)
     values: Mapping[str, float]  # Of all parameters
+
+    @property
+    def stresses(self) -> tuple[Array, Array, Array]:
+        """Angles under the rim in °, and normal and shear stress there in kPa, as the model has them."""
+        seen: list[tuple[Array, Array, Array]] = []
+
+        def look(q: Mapping[str, Any]) -> Any:
+            seen.append((q["angle"][:, 0], q["normal_stress"][:, 0], q["shear_stress"][:, 0]))
+            return q["shear_stress"]
+
+        # A law sees the stresses at the nodes, and the last one sees them as all others left them.
+        witness = Effect(id="looks-on", title="", kind="stress", parameters=(), laws={"shear_stress": look})
+        model = Model(self.model.base, (*self.model.effects, witness))
+        predict(model, self.wheel, self.channels, self.values, order=_NODES)
+        angle, normal, shear = np.array(seen[0])[:, np.argsort(seen[0][0])]
+        return np.degrees(angle), normal / 1e3, shear / 1e3
 
 
 def soil_table(comparison: Comparison) -> segment_table.Table:

@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from terrain_cli.effects.laws.expression import Node
 
 _BASE = ("kg", "m", "s", "K", "A", "m^n")
-#: Bounds of the text of a unit: characters, brackets, powers.
+#: Bounds of the text of a unit: characters, powers.
 _LONGEST = 60
-_DEEPEST = 5
 _HIGHEST = 12
 #: Largest size, over that of the SI unit.
 _LARGEST = 1e30
@@ -99,6 +98,7 @@ _POWER = re.compile(
     r"\^?(?P<number>[+-]?[0-9]{1,4}(?:\.[0-9]{1,4})?)"
     r"|\^(?:\((?P<open>n)?(?P<more>[+-]?[0-9]{1,4}(?:\.[0-9]{1,4}|/[1-9][0-9]?)?)?\)|(?P<n>n)(?![A-Za-z]))"
 )
+_OPEN, _CLOSE = re.compile(r"\("), re.compile(r"\)")
 _JOINT = re.compile(r"\s*/\s*|\s*[·*⋅∙]\s*|\s+(?!\))|\.(?=[A-Za-z])")
 
 
@@ -114,7 +114,7 @@ class _UnitReader:
         self.whole = text.strip()
         plain = unicodedata.normalize("NFKC", self.whole[: 2 * _LONGEST].replace("º", "°"))
         self.text = plain.replace("−", "-").replace("**", "^")
-        self.place = self.depth = 0
+        self.place = 0
 
     def fail(self, problem: str, advice: str = _FORM) -> NoReturn:
         shown = self.whole if len(self.whole) <= _LONGEST else self.whole[: _LONGEST - 1] + "…"
@@ -155,16 +155,10 @@ class _UnitReader:
         return scale
 
     def factor(self) -> Scale:
-        if self.text.startswith("(", self.place):
-            self.place += 1
-            self.depth += 1
-            if self.depth > _DEEPEST:
-                self.fail("has too many brackets")
+        if self.take(_OPEN):
             scale = self.product()
-            if not self.text.startswith(")", self.place):
+            if not self.take(_CLOSE):
                 self.fail("has a ( that is never closed")
-            self.place += 1
-            self.depth -= 1
             return scale
         symbol = self.take(_SYMBOL)
         if symbol is None:

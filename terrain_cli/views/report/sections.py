@@ -115,11 +115,10 @@ def _summary(content: _Content, asked: Asked | None) -> Section:
     concluded = comparison_text.concluded(comparison, asked)
     effects = comparison.model.get("effects") or []
     with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
-    inputs = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
-    n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    data = comparison_text.data_document(comparison)
     fitted = (
-        f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
-        f"{counted(len(comparison.wheels), 'wheel')} from {counted(len(inputs), 'input')}, "
+        f"The model {comparison.model['base']}{with_effects} was fitted to {data['samples']:,} samples of "
+        f"{counted(len(comparison.wheels), 'wheel')} from {counted(len(data['sources']), 'input')}, "
         f"in {counted(len(statuses), 'segment')}."
     )
     fine = sum(status == "ok" for status in statuses)
