@@ -6,7 +6,6 @@ import re
 import time
 import warnings
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -176,10 +175,7 @@ def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
 def _begun(windows: Windows) -> Windows:
     """Keep the first samples of a wheel: later ones do not show how an estimate converges."""
     n = min(len(windows.rows), MOST_TRACED)
-    bounds = windows.bounds[windows.bounds < n]
-    return replace(
-        windows, rows=windows.rows[:n], bounds=np.append(bounds, n), x=windows.x[:n], y=windows.y[:n]
-    )
+    return windows.taken(slice(n), np.append(windows.bounds[windows.bounds < n], n))
 
 
 def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Drawing]:
