@@ -13,7 +13,7 @@ import unicodedata
 from dataclasses import dataclass
 from fractions import Fraction
 from math import tau
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from terrain_cli.effects.laws import expression
 from terrain_cli.effects.laws.grammar import LawError
@@ -57,21 +57,11 @@ class Dimension:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Scale:
+class Scale(NamedTuple):
     """What a unit is in SI."""
 
     factor: float  # SI value of one
     dimension: Dimension
-
-    def __mul__(self, other: Scale) -> Scale:
-        return Scale(self.factor * other.factor, self.dimension * other.dimension)
-
-    def __truediv__(self, other: Scale) -> Scale:
-        return Scale(self.factor / other.factor, self.dimension / other.dimension)
-
-    def __pow__(self, exponent: Fraction) -> Scale:
-        return Scale(self.factor ** float(exponent), self.dimension**exponent)
 
 
 def _of(**powers: int) -> Dimension:
@@ -141,18 +131,17 @@ class _UnitReader:
         return scale
 
     def product(self) -> Scale:
-        scale, divided = self.factor(), False
+        (factor, dimension), divided = self.factor(), False
         while self.place < len(self.text) and self.text[self.place] != ")":
             joint = self.take(_JOINT)
             if joint is None:
                 self.fail(f"is not a known unit from {self.text[self.place :]!r} on")
-            if "/" in joint[0]:
-                scale, divided = scale / self.factor(), True
-            elif divided:
+            if divided and "/" not in joint[0]:
                 self.fail("can be read in two ways", "put all that divides into brackets: N/(m s)")
-            else:
-                scale = scale * self.factor()
-        return scale
+            divided, other = "/" in joint[0], self.factor()
+            factor = factor / other.factor if divided else factor * other.factor
+            dimension = dimension / other.dimension if divided else dimension * other.dimension
+        return Scale(factor, dimension)
 
     def factor(self) -> Scale:
         if self.take(_OPEN):
@@ -181,12 +170,12 @@ class _UnitReader:
         number = Fraction(power["number"] or power["more"] or 0)
         if abs(number) > _HIGHEST:
             self.fail(f"is not a unit: powers go up to {_HIGHEST}")
-        raised = scale**number
+        raised = Scale(scale.factor ** float(number), scale.dimension**number)
         if not (power["open"] or power["n"]):
             return raised
         if scale != Scale(1.0, METRE):
             self.fail("is not a unit: only m can have the power n, the sinkage exponent")
-        return raised * Scale(1.0, METRE_TO_N)
+        return raised._replace(dimension=raised.dimension * METRE_TO_N)
 
 
 _COMMON = {PLAIN: "a plain number"} | {

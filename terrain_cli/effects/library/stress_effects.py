@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -61,17 +60,6 @@ SLIP_SINKAGE = Effect(
 )
 
 
-#: V0 in m/s: the speed at which the strength is the soil's own.
-_REFERENCE_SPEED = 0.1
-_SLOWEST = 1e-3
-
-
-def _faster(quantity: str, q: Quantities) -> Any:
-    """Change a part of the strength with speed."""
-    speed = np.maximum(np.absolute(q["velocity"]), _SLOWEST)
-    return q[quantity] * np.maximum(1.0 + q["beta"] * np.log(speed / _REFERENCE_SPEED), 0.1)
-
-
 RATE_DEPENDENCE = Effect(
     id="rate-dependence",
     title="Strength depends on speed",
@@ -79,7 +67,11 @@ RATE_DEPENDENCE = Effect(
     parameters=(
         parameter("beta", 0.05, "growth of the shear stress, as a share, per factor e of speed", (-0.5, 0.5)),
     ),
-    laws={name: partial(_faster, name) for name in ("cohesion", "tan_phi")},
+    # At 0.1 m/s the strength is the soil's own.
+    laws={
+        name: Law(f"{name} * max(1 + beta * log(max(abs(velocity), 0.001) / 0.1), 0.1)")
+        for name in ("cohesion", "tan_phi")
+    },
     needs=("velocity",),
     formula="τ = τ0 (1 + β ln(V/V0)), V0 = 0.1 m/s: c and tan φ both by that factor",
     explanation=(
