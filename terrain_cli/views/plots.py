@@ -14,20 +14,28 @@ import numpy as np
 
 import formats
 from formats.output.whole_files import explained
+from terrain_cli.comparison import Comparison
+from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
 from terrain_cli.errors import UsageError, nearest
-from terrain_cli.views import chart_style
+from terrain_cli.presentation import segment_table
+from terrain_cli.run.one_log import Outcome
+from terrain_cli.simulation import SimulatedLog
+from terrain_cli.views import chart_style, shown_samples, shown_segments
+
+# Before matplotlib is imported: it says which extra brings it.
+chart_style.need("plot")
+
+import matplotlib as mpl  # noqa: E402
+
+from terrain_cli.views.figures import drive_figures, model_figures, soil_figures  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.improvement.model_history import Rung
     from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.run.one_log import Outcome
-    from terrain_cli.simulation import SimulatedLog
     from terrain_cli.windows.cut_windows import Windows
 
     Drawn: TypeAlias = Comparison | Diagnosis | SimulatedLog | Sequence[Rung] | Sequence[Outcome]
@@ -106,8 +114,6 @@ class LivePictures:
 @contextmanager
 def _style() -> Iterator[None]:
     chart_style.need("plot")
-    import matplotlib as mpl
-
     with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
@@ -133,12 +139,6 @@ def _write(drawings: Iterable[Drawing], folder: str | Path) -> list[Path]:
 
 
 def _drawings(found: Drawn) -> Iterator[Drawing]:
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
-    from terrain_cli.run.one_log import Outcome
-    from terrain_cli.simulation import SimulatedLog
-    from terrain_cli.views.figures import drive_figures, model_figures
-
     if isinstance(found, Comparison):
         yield from _of_comparison(found)
     elif isinstance(found, Diagnosis):
@@ -152,10 +152,6 @@ def _drawings(found: Drawn) -> Iterator[Drawing]:
 
 
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
-    from terrain_cli.presentation import segment_table
-    from terrain_cli.views import shown_samples, shown_segments
-    from terrain_cli.views.figures import model_figures, soil_figures
-
     shown = shown_samples.channels(comparison)
     yield "predicted-measured", partial(model_figures.predicted_measured, comparison)
     for name in shown:
@@ -179,9 +175,6 @@ def _begun(windows: Windows) -> Windows:
 
 
 def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Drawing]:
-    from terrain_cli.presentation import segment_table
-    from terrain_cli.views.figures import soil_figures
-
     table = segment_table.join([outcome.table for outcome in outcomes if outcome.table])
     yield "strength", partial(soil_figures.strength, table)
     misfit = {"rms misfit of torque (N m)": table["torque_rmse_Nm"]}
@@ -191,8 +184,6 @@ def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Drawing]:
 
 
 def _valleys(table: Mapping[str, Any], posteriors: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
-    from terrain_cli.views.figures import soil_figures
-
     for number, posterior in enumerate(posteriors, 1):
         if not len(posterior["kind"]):
             continue
@@ -209,8 +200,6 @@ def _numbered(name: str, number: int, wheel: str, *, several: bool) -> str:
 
 
 def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
-    from terrain_cli.views.figures import drive_figures
-
     several = len(traces) > 1
     drawn = []
     for number, trace in enumerate(traces, 1):
