@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from terrain_cli import estimation
+from terrain_cli import estimation, models
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import fit_account
+from terrain_cli.estimation import fit_account, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_offsets
 from terrain_cli.estimation.strength import with_strengths
+from terrain_cli.estimation.wheel_fit import Noise, Prior
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
 from terrain_cli.rover import NOISY
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 from terrain_cli.vocabulary.quantities import the_wheel
@@ -27,8 +30,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointPosterior
-    from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
-    from terrain_cli.models import ModelFile
+    from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.rover import SensorNoise
     from terrain_cli.telemetry import Samples
     from terrain_cli.telemetry.wheel_samples import Geometry
@@ -71,9 +73,6 @@ def choose(
     """
     file = None
     if model is not None:
-        # Not for the line, which needs nothing of it.
-        from terrain_cli import models
-
         file = models.resolve(str(model)) if isinstance(model, str | Path) else model
     elif method in {"auto", "wong-reece"}:
         return full_model()
@@ -100,10 +99,7 @@ def choose(
 
 def full_model() -> ModelFile:
     """Return the full model of Bekker, Janosi–Hanamoto and Wong–Reece without effects."""
-    from terrain_cli import models
-    from terrain_cli.mechanics.wheel_model import Model
-
-    return models.ModelFile(model=Model("wong-reece"))
+    return ModelFile(model=Model("wong-reece"))
 
 
 def estimate_lines(
@@ -228,9 +224,6 @@ def assumed(
 
 
 def _priors(samples: Samples, file: ModelFile) -> dict[str, Prior]:
-    # Only whole models need this: it takes as long to import as a short log to estimate.
-    from terrain_cli.estimation.wheel_fit import Prior
-
     geometry = samples.geometry
     return {
         "shear_modulus": Prior.factor(geometry.shear_modulus, geometry.shear_modulus_factor),
@@ -265,8 +258,6 @@ def _fit(
     joint: Collection[int],
     begun: Noise | None,
 ) -> Fit:
-    from terrain_cli.estimation import wheel_fit
-
     samples = windows.samples
     priors = _priors(samples, file)
     lacking, further = suspects(file, windows)
@@ -304,8 +295,6 @@ def _fit(
 
 
 def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:
-    from terrain_cli.estimation.wheel_fit import Noise
-
     others = others or Noise()
     return Noise(
         {**others.relative, **{name: noise.relative for name, noise in given.items()}},
@@ -317,8 +306,6 @@ def of_fit(
     fit: Fit, line: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
     """Return what the table of windows says of a fit; `line` keeps its columns of least squares and ridge."""
-    from terrain_cli.estimation import wheel_fit
-
     soil: dict[str, Any] = {
         name: column
         for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")

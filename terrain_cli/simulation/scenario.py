@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from terrain_cli import models
 from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 from terrain_cli.vocabulary import toml_files
@@ -176,8 +177,6 @@ def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
 
 def choose(name: str, given: Mapping[str, float], place: str) -> Chosen:
     """Find an effect by id or path; parameters that are not given have their typical size."""
-    from terrain_cli import models
-
     try:
         effect = models.find_effect(name)
     except TerrainError as error:
