@@ -112,11 +112,9 @@ def estimate_lines(
     """
     samples, windows = windows.samples, windows.on_line()
     return estimation.estimate_windows(
-        windows.x,
-        windows.y,
+        windows.line_columns,
         windows.bounds,
-        **windows.measured(),
-        **samples.geometry.line,
+        samples.geometry.line,
         method=method,
         min_samples=FIT_SAMPLES if min_samples is None else min_samples,
         correlated=samples.time is not None,

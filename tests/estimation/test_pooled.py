@@ -43,7 +43,7 @@ def stresses(run):
 
 def test_follows_the_filter(run, stresses):
     x, y = stresses
-    trace = recursive(x, y, run.bounds, **run.channels)
+    trace = recursive([x, y, *run.channels.values()], run.bounds)
     for start in run.bounds[:-1]:
         states = list(kalman(x[start : start + 120], y[start : start + 120], noise=200.0**2))
         for k in (10, 40, 119):
@@ -57,8 +57,8 @@ def test_follows_the_filter(run, stresses):
 
 
 def test_ends_at_the_batch_answer(run, stresses):
-    trace = recursive(*stresses, run.bounds, **run.channels)
-    batch = estimate_windows(*stresses, run.bounds, **run.channels, **GEOMETRY, method="recursive")
+    trace = recursive([*stresses, *run.channels.values()], run.bounds)
+    batch = estimate_windows([*stresses, *run.channels.values()], run.bounds, GEOMETRY, method="recursive")
     last = run.bounds[1:] - 1
     for name in ("c", "c_se", "phi", "phi_se", "corr"):
         np.testing.assert_allclose(getattr(trace, name)[last], getattr(batch, name), rtol=1e-9)
@@ -66,16 +66,16 @@ def test_ends_at_the_batch_answer(run, stresses):
 
 def test_is_every_time_the_batch_answer_so_far(run, stresses):
     x, y = stresses
-    trace = recursive(x, y, run.bounds, **run.channels)
+    trace = recursive([x, y, *run.channels.values()], run.bounds)
     for k in (4, 17, 80):
         part = {name: values[:k] for name, values in run.channels.items()}
-        batch = estimate_windows(x[:k], y[:k], [0, k], **part, **GEOMETRY, method="recursive")
+        batch = estimate_windows([x[:k], y[:k], *part.values()], [0, k], GEOMETRY, method="recursive")
         for name in ("c", "c_se", "phi", "phi_se", "corr"):
             assert getattr(trace, name)[k - 1] == pytest.approx(getattr(batch, name)[0], rel=1e-6)
 
 
 def test_errors_shrink_and_begin_unknown(run, stresses):
-    trace = recursive(*stresses, run.bounds, **run.channels)
+    trace = recursive([*stresses, *run.channels.values()], run.bounds)
     for start in run.bounds[:-1]:
         assert np.isnan(trace.phi[start])
         assert np.isnan(trace.phi_se[start : start + 2]).all()
@@ -84,7 +84,7 @@ def test_errors_shrink_and_begin_unknown(run, stresses):
 
 
 def test_empty_windows_have_no_samples(stresses, run):
-    trace = recursive(*stresses, [0, 0, 120, 240, 360, 360], **run.channels)
+    trace = recursive([*stresses, *run.channels.values()], [0, 0, 120, 240, 360, 360])
     assert len(trace.c) == 360
 
 
@@ -93,7 +93,7 @@ def test_sample_by_sample_it_is_the_trace(run, stresses):
     columns = np.array([*stresses, *(run.channels[name] for name in ("load", "torque", "sinkage", "slip"))])
     columns = columns[:, :120]
     channels = {name: channel[:120] for name, channel in run.channels.items()}
-    trace = recursive(*columns[:2], [0, 120], **channels)
+    trace = recursive([*columns[:2], *channels.values()], [0, 120])
     line, done = RecursiveLine(), 0
     for size in (1, 1, 1, 2, 3, 1, 31, 80):
         line.add(columns[:, done : done + size])
@@ -250,7 +250,7 @@ def test_windows_of_one_soil_hold_the_truth():
     for seed in range(40):
         run = drive(12, 60, seed, kind="scatter", share=0.2, noises=0.03)
         x, y = line_coordinates(**run.channels, **GEOMETRY)
-        estimates = estimate_windows(x, y, run.bounds, **run.channels, **GEOMETRY)
+        estimates = estimate_windows([x, y, *run.channels.values()], run.bounds, GEOMETRY)
         pooled = pool(estimates)
         assert pooled.phi_se < estimates.phi_se.mean()
         inside.append(

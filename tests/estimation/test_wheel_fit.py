@@ -308,7 +308,7 @@ def linear_estimates(channels, bounds):
     measured = {name: channels[name] for name in ("load", "torque", "sinkage", "slip")}
     geometry = {"radius": WHEEL.radius, "width": WHEEL.width, "shear_modulus": 0.018}
     x, y = line_coordinates(**measured, **geometry)
-    return estimate_windows(x, y, bounds, **measured, **geometry, correlated=False)
+    return estimate_windows([x, y, *measured.values()], bounds, geometry, correlated=False)
 
 
 def test_fits_fill_the_table_of_windows():

@@ -123,17 +123,10 @@ class WindowEstimates:
 
 
 def estimate_windows(
-    x: ArrayLike,
-    y: ArrayLike,
+    columns: Sequence[ArrayLike] | Array,
     bounds: ArrayLike,
+    geometry: dict[str, float],
     *,
-    load: ArrayLike,
-    torque: ArrayLike,
-    sinkage: ArrayLike,
-    slip: ArrayLike,
-    radius: float,
-    width: float,
-    shear_modulus: float,
     method: LineMethod = "auto",
     min_samples: int = FIT_SAMPLES,
     correlated: bool = True,
@@ -152,17 +145,17 @@ def estimate_windows(
     ridge it is a mean square error: it has the distance to the bounds of φ and to the mean stress too, where
     the penalty's bias shows.
 
-    x and y, shape (n,), finite, are of `mechanics.linear.line_coordinates`; window j is the samples bounds[j]
-    to bounds[j + 1] − 1. Steady test points, which have no order in time, are not `correlated`, and `folds`
-    are contiguous blocks, the better judge of samples that are; by default single samples are left out.
+    The columns, shape (n,), finite, are x and y of `mechanics.linear.line_coordinates`, and the load, torque,
+    sinkage, slip and geometry that it takes; window j is the samples bounds[j] to bounds[j + 1] − 1. Steady
+    test points, which have no order in time, are not `correlated`, and `folds` are contiguous blocks, the
+    better judge of samples that are; by default single samples are left out.
     """
     if method not in get_args(LineMethod):
         raise UsageError(f"no method {method!r}", hint=f"one of {', '.join(get_args(LineMethod))}")
     if folds is not None and folds < 2:
         raise UsageError(f"cross-validation over {folds} blocks", hint="2 or more")
-    rows = [np.asarray(values, dtype=float) for values in (x, y, load, torque, sinkage, slip)]
+    rows = [np.asarray(column, dtype=float) for column in columns]
     bounds = np.asarray(bounds, dtype=np.intp)
-    geometry = {"radius": radius, "width": width, "shear_modulus": shear_modulus}
     parts = [
         _estimate(
             rows,
