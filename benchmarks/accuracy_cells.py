@@ -131,11 +131,9 @@ def line_errors(windows, share, method):
         with np.errstate(invalid="ignore"):
             x, y = line_coordinates(**channels, **geometry)
             found = estimate_windows(
-                x,
-                y,
+                [x, y, *(channels[name] for name in ("load", "torque", "sinkage", "slip"))],
                 np.arange(len(here) + 1) * points,
-                **channels,
-                **geometry,
+                geometry,
                 method=method,
                 correlated=False,
                 min_samples=3,

@@ -51,6 +51,13 @@ def pair(errors, digits=3):
     return f"{rms(errors.cohesion):8.{digits}f} {rms(errors.phi):6.{digits - 1}f}"
 
 
+def prior_of(values, *, positive):
+    """Return the prior with the mean and the variance of values, or of their logarithms if positive."""
+    if positive:
+        return Prior.factor(np.exp(np.log(values).mean()), np.exp(np.log(values).std()))
+    return Prior(float(values.mean()), float(values.std()))
+
+
 def range_95(prior, logarithm):
     """Return the ends between which a parameter lies with 95 %, shape (2,)."""
     mean, deviation = prior.of_logarithm() if logarithm else (prior.mean, prior.sd)
@@ -73,7 +80,7 @@ class Study:
         self.grid = truth.table()
         self.spread = prior_columns(self.grid).std(axis=1)
         self.priors = {
-            name: Prior.of(getattr(self.grid, name), positive=name in POSITIVE) for name in truth.PARAMETERS
+            name: prior_of(getattr(self.grid, name), positive=name in POSITIVE) for name in truth.PARAMETERS
         }
         self.total, self.seed = len(self.grid.cohesion), seed
         lightest = min(SLIPS) * (1.0 - paper.VARIATION)

@@ -11,6 +11,7 @@ from terrain_cli import estimation
 from terrain_cli.api.logs import windows_of
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.estimators import Fitted
 from terrain_cli.presentation import segment_table
 from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry.wheel_samples import NEEDED
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from terrain_cli.api.logs import Data
-    from terrain_cli.estimation.estimators import Fitted
     from terrain_cli.models import ModelFile
     from terrain_cli.vocabulary.choices import Method
     from terrain_cli.windows.cut_windows import Windows
@@ -178,8 +178,11 @@ def _fits(
 ) -> tuple[Sequence[Windows], Sequence[Fitted]]:
     file = estimators.choose(method, model, robust=robust)
     several = [_lined(one) for one in windows_of(data, file.model.effects if file else ())]
-    stress = None if at_stress is None else 1e3 * at_stress
-    return several, estimators.estimate_all(several, method, file, robust=robust, at_stress=stress, **options)
+    stress, fits = None if at_stress is None else 1e3 * at_stress, list[Fitted]()
+    for one in several:
+        fits.append(estimators.estimate(one, method, file, robust=robust, at_stress=stress, **options))
+        stress = estimators.common_stress(stress, fits[-1])
+    return several, fits
 
 
 def _lined(windows: Windows) -> Windows:

@@ -38,11 +38,11 @@ def command(log: str, output: str | None, force: bool, salvage: bool, quiet: boo
     logs = formats.expand([log])
     if len(logs) > 1:
         raise UsageError(f"{log} stands for {len(logs)} logs", hint=f"name one of them, such as {logs[0]}")
-    draft = rover_draft.draft(formats.open_source(logs[0], salvage=salvage))
+    text, left = rover_draft.draft(formats.open_source(logs[0], salvage=salvage))
     if output in {None, "-"}:
-        click.echo(draft.text, nl=False)
+        click.echo(text, nl=False)
     else:
         with formats.replacing(output) as temporary:
-            Path(temporary).write_text(draft.text, encoding="utf-8")
+            Path(temporary).write_text(text, encoding="utf-8")
     if not quiet:
-        click.echo(f"still to fill in: {', '.join(draft.left)}", err=True)
+        click.echo(f"still to fill in: {', '.join(left)}", err=True)

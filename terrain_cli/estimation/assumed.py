@@ -80,16 +80,10 @@ def trace(windows: Windows) -> Trace:
     """
     samples = windows.samples
     correlated = samples.time is not None
-    channels = windows.measured()
-    steps = estimation.recursive(windows.x, windows.y, windows.bounds, **channels, correlated=correlated)
+    columns = windows.line_columns
+    steps = estimation.recursive(columns, windows.bounds, correlated=correlated)
     ends = estimation.estimate_windows(
-        windows.x,
-        windows.y,
-        windows.bounds,
-        **channels,
-        **samples.geometry.line,
-        method="recursive",
-        correlated=correlated,
+        columns, windows.bounds, samples.geometry.line, method="recursive", correlated=correlated
     )
     moved = deviations(ends, windows, "recursive")
     c_se, phi_se, corr = _wider(steps, np.repeat(moved, np.diff(windows.bounds), axis=0))

@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from terrain_cli import estimation
+from terrain_cli import estimation, models
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import fit_account
+from terrain_cli.estimation import fit_account, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_offsets
 from terrain_cli.estimation.strength import with_strengths
+from terrain_cli.estimation.wheel_fit import Noise, Prior
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
 from terrain_cli.rover import NOISY
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 from terrain_cli.vocabulary.quantities import the_wheel
@@ -27,8 +30,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointPosterior
-    from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
-    from terrain_cli.models import ModelFile
+    from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.rover import SensorNoise
     from terrain_cli.telemetry import Samples
     from terrain_cli.telemetry.wheel_samples import Geometry
@@ -71,9 +73,6 @@ def choose(
     """
     file = None
     if model is not None:
-        # Not for the line, which needs nothing of it.
-        from terrain_cli import models
-
         file = models.resolve(str(model)) if isinstance(model, str | Path) else model
     elif method in {"auto", "wong-reece"}:
         return full_model()
@@ -100,10 +99,7 @@ def choose(
 
 def full_model() -> ModelFile:
     """Return the full model of Bekker, Janosi–Hanamoto and Wong–Reece without effects."""
-    from terrain_cli import models
-    from terrain_cli.mechanics.wheel_model import Model
-
-    return models.ModelFile(model=Model("wong-reece"))
+    return ModelFile(model=Model("wong-reece"))
 
 
 def estimate_lines(
@@ -116,11 +112,9 @@ def estimate_lines(
     """
     samples, windows = windows.samples, windows.on_line()
     return estimation.estimate_windows(
-        windows.x,
-        windows.y,
+        windows.line_columns,
         windows.bounds,
-        **windows.measured(),
-        **samples.geometry.line,
+        samples.geometry.line,
         method=method,
         min_samples=FIT_SAMPLES if min_samples is None else min_samples,
         correlated=samples.time is not None,
@@ -173,22 +167,6 @@ def estimate(
     estimates = of_fit(fit, line, whole, at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
     return Fitted(estimates, account(windows, file, fit, held, because), posteriors, fit.noise)
-
-
-def estimate_all(
-    several: Sequence[Windows],
-    method: Method = "auto",
-    file: ModelFile | None = None,
-    *,
-    at_stress: float | None = None,
-    **options: Any,
-) -> list[Fitted]:
-    """Estimate the soils of several wheels, with strengths at one stress for all; as for `estimate`."""
-    fits: list[Fitted] = []
-    for windows in several:
-        fits.append(estimate(windows, method, file, at_stress=at_stress, **options))
-        at_stress = common_stress(at_stress, fits[-1])
-    return fits
 
 
 def _channels(windows: Windows) -> dict[str, Array]:
@@ -244,9 +222,6 @@ def assumed(
 
 
 def _priors(samples: Samples, file: ModelFile) -> dict[str, Prior]:
-    # Only whole models need this: it takes as long to import as a short log to estimate.
-    from terrain_cli.estimation.wheel_fit import Prior
-
     geometry = samples.geometry
     return {
         "shear_modulus": Prior.factor(geometry.shear_modulus, geometry.shear_modulus_factor),
@@ -281,8 +256,6 @@ def _fit(
     joint: Collection[int],
     begun: Noise | None,
 ) -> Fit:
-    from terrain_cli.estimation import wheel_fit
-
     samples = windows.samples
     priors = _priors(samples, file)
     lacking, further = suspects(file, windows)
@@ -320,14 +293,10 @@ def _fit(
 
 
 def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:
-    from terrain_cli.estimation.wheel_fit import Noise
-
     others = others or Noise()
     return Noise(
-        {name: value for name, value in others.relative.items() if name not in given}
-        | {name: noise.relative for name, noise in given.items()},
-        {name: value for name, value in others.absolute.items() if name not in given}
-        | {name: noise.absolute for name, noise in given.items()},
+        {**others.relative, **{name: noise.relative for name, noise in given.items()}},
+        {**others.absolute, **{name: noise.absolute for name, noise in given.items()}},
     )
 
 
@@ -335,8 +304,6 @@ def of_fit(
     fit: Fit, line: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
     """Return what the table of windows says of a fit; `line` keeps its columns of least squares and ridge."""
-    from terrain_cli.estimation import wheel_fit
-
     soil: dict[str, Any] = {
         name: column
         for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
@@ -348,14 +315,9 @@ def of_fit(
     # c and φ stay empty where their number is that of the prior, or of a single sample.
     every = np.full(len(fit), fill_value=True)
     c, phi = (fit.told.get(name, every) & (fit.n > 1) for name in ("cohesion", "tan_phi"))
-    return replace(
-        estimates,
-        c=np.where(c, estimates.c, np.nan),
-        c_se=np.where(c, estimates.c_se, np.nan),
-        phi=np.where(phi, estimates.phi, np.nan),
-        phi_se=np.where(phi, estimates.phi_se, np.nan),
-        corr=np.where(c & phi, estimates.corr, np.nan),
-    )
+    told = {"c": c, "c_se": c, "phi": phi, "phi_se": phi, "corr": c & phi}
+    left = {name: np.where(there, getattr(estimates, name), np.nan) for name, there in told.items()}
+    return replace(estimates, **left)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -55,16 +55,15 @@ def account(
 def _parameter(
     name: str, file: ModelFile, fit: Fit, held: Mapping[str, float], because: str | None
 ) -> dict[str, Any]:
-    factor = file.factor(name)
-    entry = {"unit": file.units[name], "held": name in held, "because": because}
-    if name in held:
-        return {"value": held[name] / factor, "se": None, **entry, "fixed_by_data": None}
+    factor, sought = file.factor(name), name not in held
     return {
-        "value": fit.shared[name] / factor,
-        "se": fit.shared_errors[name] / factor,
-        **entry,
+        "value": (fit.shared if sought else held)[name] / factor,
+        "se": fit.shared_errors[name] / factor if sought else None,
+        "unit": file.units[name],
+        "held": not sought,
+        "because": because,
         # The same in all windows, save that nothing is determined in one without samples.
-        "fixed_by_data": not bool(fit.undetermined[name].all()),
+        "fixed_by_data": not bool(fit.undetermined[name].all()) if sought else None,
     }
 
 

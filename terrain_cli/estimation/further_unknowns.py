@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from terrain_cli import effects
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
 from terrain_cli.telemetry import effect_inputs, rover_advice
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection
 
-    from terrain_cli.mechanics.effect import Law
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
     from terrain_cli.vocabulary.arrays import Array
@@ -35,15 +36,13 @@ def with_contact(file: ModelFile) -> ModelFile:
     A model says nothing of the shape unless it has those effects itself, and the triangles of the base
     "linear" have none.
     """
-    from terrain_cli import effects, models
-
     if file.model.base != "wong-reece":
         return file
     there = {effect.id for effect in file.model.effects}
     shapes = {effect: of for effect, of in _SHAPE.items() if effect not in there}
     expected = {f"{effect}.{name}": of for effect, each in shapes.items() for name, of in each.items()}
     model = replace(file.model, effects=(*file.model.effects, *(effects.find(effect) for effect in shapes)))
-    priors = {name: models.Prior(*known) for name, known in expected.items()}
+    priors = {name: Prior(*known) for name, known in expected.items()}
     return replace(file, model=model, priors={**file.priors, **priors}, local=(*file.local, *expected))
 
 
@@ -69,8 +68,6 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
     Without those that read what has noise that is in the residuals too, and those that would each take an
     evaluation of the model of their own: as they have shapes, or change the stresses along the rim.
     """
-    from terrain_cli import effects
-
     samples = windows.samples
     there = {name for name in rover_advice.SOURCES if name in samples.channels} - _RELATED
     there |= {name for name in effect_inputs.CONSTANTS if getattr(samples.geometry, name, None)}
@@ -88,18 +85,12 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
 
 
 def _effect(channel: str, size: float) -> Effect:
-    sign = -1.0 if channel in _FELT else 1.0
-
-    def shifted(q: Mapping[str, Any]) -> Any:
-        return q[channel] + sign * q["offset"]
-
-    laws: dict[str, Law] = {channel: shifted}
     # Not of the catalogue: rover.toml says that it is there, and no diagnosis has to find it.
     return Effect(
         id=f"{channel.replace('_', '-')}-offset",
         title=f"Offset of {channel.replace('_', ' ')}",
         kind="sensor",
         parameters=(Parameter("offset", QUANTITIES[channel], 0.0, size),),
-        laws=laws,
+        laws={channel: Law(f"{channel} {'-' if channel in _FELT else '+'} offset")},
         origin="rover.toml",
     )

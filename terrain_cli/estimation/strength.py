@@ -12,6 +12,7 @@ from terrain_cli.vocabulary.quantities import the_wheel
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from terrain_cli.estimation.line.pooled import PooledEstimate
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
     from terrain_cli.telemetry import Samples
     from terrain_cli.vocabulary.arrays import Array
@@ -90,11 +91,11 @@ def beyond(wheel: str, several: Sequence[tuple[float, float]], at_stress: float 
         )
 
 
-def strength_at(stress: Array, estimates: WindowEstimates) -> tuple[Array, Array]:
+def strength_at(stress: Array | float, of: WindowEstimates | PooledEstimate) -> tuple[Array, Array]:
     """Return c + σ tan φ and its standard error, Pa."""
-    tan_phi = np.tan(estimates.phi)
-    tan_se = estimates.phi_se * (1.0 + tan_phi**2)
+    tan_phi = np.tan(of.phi)
+    tan_se = of.phi_se * (1.0 + tan_phi**2)
     # An estimate without error has no correlation.
-    mixed = np.where(estimates.c_se * tan_se > 0.0, estimates.corr * estimates.c_se * tan_se, 0.0)
-    variance = estimates.c_se**2 + 2.0 * stress * mixed + (stress * tan_se) ** 2
-    return estimates.c + stress * tan_phi, np.sqrt(np.maximum(variance, 0.0))
+    mixed = np.where(of.c_se * tan_se > 0.0, of.corr * of.c_se * tan_se, 0.0)
+    variance = of.c_se**2 + 2.0 * stress * mixed + (stress * tan_se) ** 2
+    return of.c + stress * tan_phi, np.sqrt(np.maximum(variance, 0.0))

@@ -214,11 +214,6 @@ class Step:
         lost = self.evidence.lost > comparison_criteria.UNPREDICTED
         return self.testable and ((self.there and rose and not self.imitates) or lost)
 
-    @property
-    def quiet(self) -> bool:
-        """Whether no recorded channel tracks what is left."""
-        return not self.second.failures
-
 
 def _differs(overall: Interval, some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:
     """Tell whether errors are less beyond chance, where some channels' are less and those of others more.

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
 
 _SIGNS = {"add": "+", "remove": "−"}
+#: What an entry says of the error of a channel, each with its interval.
+_INTERVALS = ("heldout_before", "heldout_after", "difference")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,10 +76,7 @@ def _data(found: Any) -> str:
 
 
 def _channel(name: str, found: Mapping[str, Any]) -> ChannelChange:
-    before, after, change = (
-        _interval(found.get(key), found.get(f"{key}_interval"))
-        for key in ("heldout_before", "heldout_after", "difference")
-    )
+    before, after, change = (_interval(found.get(key), found.get(f"{key}_interval")) for key in _INTERVALS)
     return ChannelChange(
         name=name,
         unit=UNITS[name],
@@ -174,16 +173,10 @@ def data(step: Step) -> dict[str, Any]:
 
 def channel(change: ChannelChange) -> dict[str, Any]:
     """Return the held-out error of a channel before and after, in SI."""
-    return {
-        "unit": change.unit,
-        "heldout_before": number(change.before.value),
-        "heldout_before_interval": ends(change.before),
-        "heldout_after": number(change.after.value),
-        "heldout_after_interval": ends(change.after),
-        "difference": number(change.difference.value),
-        "difference_interval": ends(change.difference),
-        "noise": number(change.noise),
-    }
+    found: dict[str, Any] = {"unit": change.unit}
+    for key, one in zip(_INTERVALS, (change.before, change.after, change.difference), strict=True):
+        found |= {key: number(one.value), f"{key}_interval": ends(one)}
+    return {**found, "noise": number(change.noise)}
 
 
 def drive(one: NextDrive | None) -> dict[str, Any] | None:

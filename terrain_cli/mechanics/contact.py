@@ -112,7 +112,7 @@ def forces(
     `by`. `width` is b in m, `order` the nodes on each arc.
     """
     rim = _Rim(contact, width, order)
-    return rim.values, {name: getattr(rim, f"by_{name}")() for name in NAMES if name in by}
+    return rim.values, {name: rim.by(name) for name in NAMES if name in by}
 
 
 class _Rim:
@@ -232,48 +232,41 @@ class _Rim:
         change[:, :, 0] -= (self.plain_sum @ (self.deepened * self.sin[0])).transpose(1, 0, 2)
         return np.asarray(change)
 
-    def by_entry_angle(self) -> Array:
-        start = self.contact.shear_radius - self.advance * self.contact.radius * self.c1
-        moved = self.s1 * self.deepened.sum(axis=1) + start * self.per_travel.sum(axis=(1, 2))
-        return np.asarray(moved + self.turned[0, :, 0] - self.turned[1, :, 0] + self.of_length[:, 0])
-
-    def by_max_stress_angle(self) -> Array:
-        return np.asarray(self.turned[1].sum(axis=1) + self.of_length[:, 1] - self.of_length[:, 0])
-
-    def by_exit_angle(self) -> Array:
-        return np.asarray(self.turned[0, :, 1] - self.turned[1, :, 1] - self.of_length[:, 1])
-
-    def by_slip(self) -> Array:
-        steep = np.where(self.contact.slip < 0.0, self.advance**2, 1.0)
-        return np.asarray(steep * self.contact.radius * self.with_run)
-
-    def by_cohesion(self) -> Array:
-        return np.asarray(self.per_strength.sum(axis=1))
-
-    def by_tan_phi(self) -> Array:
-        return _sum(self.per_strength, self.sigma)
-
-    def by_shear_modulus(self) -> Array:
-        return _sum(self.per_travel, self.travel) / -self.contact.shear_modulus
-
-    def by_stiffness(self) -> Array:
-        return np.asarray(self.with_pressure / self.contact.stiffness)
-
-    def by_sinkage_exponent(self) -> Array:
-        return _sum(self.per_pressure, self.sigma * self.log_depth)
-
-    def by_radius(self) -> Array:
-        contact = self.contact
-        total = contact.sinkage_exponent / contact.radius * self.with_pressure - self.advance * self.with_run
-        press = self.width * (self.sums[0, :2] * self.lengths).sum(axis=1)
-        total[0] += press[0]
-        total[2] -= press[1]
-        return np.asarray(total)
-
-    def by_shear_radius(self) -> Array:
-        plain, cos, sin = (self.sums[0, 2:] * self.lengths).sum(axis=1)
-        own = np.array([sin, 2.0 * self.contact.shear_radius * plain, cos])
-        return _sum(self.per_travel, 2.0 * self.half) + self.width * own
+    def by(self, name: str) -> Array:  # noqa: C901 - one for each quantity
+        """Return how the forces change with one of `NAMES`, shape (3, n)."""
+        contact, r, R = self.contact, self.contact.radius, self.contact.shear_radius
+        change: Any
+        match name:
+            case "entry_angle":
+                start = R - self.advance * r * self.c1
+                moved = self.s1 * self.deepened.sum(axis=1) + start * self.per_travel.sum(axis=(1, 2))
+                change = moved + self.turned[0, :, 0] - self.turned[1, :, 0] + self.of_length[:, 0]
+            case "max_stress_angle":
+                change = self.turned[1].sum(axis=1) + self.of_length[:, 1] - self.of_length[:, 0]
+            case "exit_angle":
+                change = self.turned[0, :, 1] - self.turned[1, :, 1] - self.of_length[:, 1]
+            case "slip":
+                change = np.where(contact.slip < 0.0, self.advance**2, 1.0) * r * self.with_run
+            case "cohesion":
+                change = self.per_strength.sum(axis=1)
+            case "tan_phi":
+                change = _sum(self.per_strength, self.sigma)
+            case "shear_modulus":
+                change = _sum(self.per_travel, self.travel) / -contact.shear_modulus
+            case "stiffness":
+                change = self.with_pressure / contact.stiffness
+            case "sinkage_exponent":
+                change = _sum(self.per_pressure, self.sigma * self.log_depth)
+            case "radius":
+                change = contact.sinkage_exponent / r * self.with_pressure - self.advance * self.with_run
+                press = self.width * (self.sums[0, :2] * self.lengths).sum(axis=1)
+                change[0] += press[0]
+                change[2] -= press[1]
+            case "shear_radius":
+                plain, cos, sin = (self.sums[0, 2:] * self.lengths).sum(axis=1)
+                own = np.array([sin, 2.0 * R * plain, cos])
+                change = _sum(self.per_travel, 2.0 * self.half) + self.width * own
+        return np.asarray(change)
 
 
 def _both(a: Array) -> Array:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import ArrayLike
 
 #: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
 #: force on the wheel, or what a sensor shows of it.
@@ -75,17 +74,6 @@ class Prior:
         spread = float(np.log(factor))
         mean = median * float(np.exp(0.5 * spread**2))
         return cls(mean, mean * float(np.sqrt(np.expm1(spread**2))))
-
-    @classmethod
-    def of(cls, values: ArrayLike, *, positive: bool = False) -> Prior:
-        """Return the prior with the mean and the variance of values, or of their logarithms if positive."""
-        import numpy as np
-
-        values = np.asarray(values, dtype=float)
-        if positive:
-            logs = np.log(values)
-            return cls.factor(float(np.exp(logs.mean())), float(np.exp(logs.std())))
-        return cls(float(values.mean()), float(values.std()))
 
     def of_logarithm(self) -> tuple[float, float]:
         """Return mean and standard deviation of the logarithm of a log-normal parameter."""

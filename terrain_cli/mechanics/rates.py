@@ -10,7 +10,7 @@ between parts are unrelated where there is no ripple, two by two, so that nothin
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -147,13 +147,6 @@ def wheel_angle(time: ArrayLike, stretch: ArrayLike, angular_velocity: ArrayLike
     return np.asarray(total - np.repeat(total[first], lengths))
 
 
-class _Ripple(NamedTuple):
-    """Phase of the ripple of each channel in one part, and its power over that of noise."""
-
-    phase: Array
-    power: Array
-
-
 def aligned(
     angle: Array, stretch: Index, grousers: int, shown: Sequence[Array], beside: Sequence[Array]
 ) -> Array:
@@ -171,7 +164,7 @@ def aligned(
     if not shown:
         return angle
     psi, table, columns = grousers * angle, np.stack(shown, axis=1), np.stack(beside, axis=1)
-    found: list[tuple[list[slice], list[_Ripple]]] = []
+    found: list[tuple[list[slice], list[tuple[Array, Array]]]] = []
     for first, end in pairwise([0, *cuts.tolist(), len(angle)]):
         bounds = np.linspace(first, end, _PARTS + 1).astype(int).tolist()
         parts = [slice(i, j) for i, j in pairwise(bounds)]
@@ -181,20 +174,20 @@ def aligned(
             found.append((parts, known))
     if not found:
         return angle
-    power = np.mean([one.power for _, known in found for one in known], axis=0)
+    power = np.mean([own for _, known in found for _, own in known], axis=0)
     # Which channel, and whether any, is chosen by how much they ripple: that says nothing of phases.
     channel = int(np.argmax(power))
     if power[channel] < _STANDS_OUT:
         return angle
     result = angle.copy()
     for parts, known in found:
-        for part, teller in zip(parts, [*known[1:], known[0]], strict=True):
-            result[part] -= teller.phase[channel] / grousers
+        for part, (phase, _) in zip(parts, [*known[1:], known[0]], strict=True):
+            result[part] -= phase[channel] / grousers
     return result
 
 
-def _ripple(psi: Array, shown: Array, beside: Array) -> _Ripple | None:
-    """Fit a ripple to each channel of a part; None where it is too short."""
+def _ripple(psi: Array, shown: Array, beside: Array) -> tuple[Array, Array] | None:
+    """Return phase and power over noise of the ripple of each channel in a part; None if it is too short."""
     known = np.isfinite(shown).all(axis=1) & np.isfinite(beside).all(axis=1) & np.isfinite(psi)
     psi, shown, beside = psi[known], shown[known], beside[known]
     count = len(psi)
@@ -210,4 +203,4 @@ def _ripple(psi: Array, shown: Array, beside: Array) -> _Ripple | None:
     # A channel that never changes is not noise-free but without a ripple.
     noise = np.maximum(noise, (_ROUNDING * np.abs(shown).max(axis=0)) ** 2 + np.finfo(float).tiny)
     power = (cosine**2 + sine**2) * count / (4.0 * noise)
-    return _Ripple(np.arctan2(sine, cosine), power)
+    return np.arctan2(sine, cosine), power

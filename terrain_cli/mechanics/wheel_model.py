@@ -104,16 +104,13 @@ class Model:
         """Return the values of the effects' parameters at which they are all absent."""
         return {name: parameter.null for name, parameter in self.parameters.items()}
 
-    def changing(self, quantity: str) -> list[Effect]:
-        """Return the effects that change a quantity, in the order in which they act on it.
+    @cached_property
+    def changing(self) -> dict[str, list[Effect]]:
+        """The effects that change a quantity, in the order in which they act on it.
 
         From the ground to the sensor, whatever the order in which they were added; a measured slip
         or load is followed back from the sensor to the ground.
         """
-        return self._acting.get(quantity, [])
-
-    @cached_property
-    def _acting(self) -> dict[str, list[Effect]]:
         quantities = dict.fromkeys(quantity for effect in self.effects for quantity in effect.laws)
         return {
             name: sorted(
@@ -126,7 +123,7 @@ class Model:
 
     def changes(self, quantity: str) -> bool:
         """Whether an effect changes a quantity."""
-        return quantity in self._acting
+        return quantity in self.changing
 
 
 @dataclass(frozen=True)
@@ -239,7 +236,7 @@ class _Block:
 
     def law(self, quantity: str, q: dict[str, Any]) -> Any:
         """Apply every law on a quantity."""
-        for effect in self.model.changing(quantity):
+        for effect in self.model.changing.get(quantity, ()):
             q[quantity] = effect.laws[quantity](ChainMap(self.own[effect.id], q))
         return q[quantity]
 
@@ -249,7 +246,9 @@ class _Block:
         if "load" in q:
             self.law("load", q)
         if self.model.base == "linear":
-            self.under_triangles(q)
+            q["sinkage"] = self.true_sinkage(q)
+            self.shape_of_contact(q)
+            q["torque"], q["drawbar_pull"] = rim_forces.triangular_forces(q, self.wheel.width)
             return Prediction(None, None, *self.shown(q), None)
         if given == "sinkage":
             q["sinkage"] = self.true_sinkage(q)
@@ -297,12 +296,6 @@ class _Block:
             back = value(two)
         if np.any((middle < back + 0.01 * (front - back)) | (middle > 0.99 * front)):
             q["max_stress_angle"] = np.minimum(np.maximum(peak, two + 0.01 * (one - two)), 0.99 * one)
-
-    def under_triangles(self, q: dict[str, Any]) -> None:
-        """Put torque and pull of the linear base into the quantities."""
-        q["sinkage"] = self.true_sinkage(q)
-        self.shape_of_contact(q)
-        q["torque"], q["drawbar_pull"] = rim_forces.triangular_forces(q, self.wheel.width)
 
     def under_wheel(self, q: dict[str, Any]) -> Any:
         """Put torque and pull into the quantities, and return the load that the soil carries."""

@@ -85,7 +85,8 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
         expected = Prior.factor(held, K_FACTOR)
         # Numbers that a person can read in the file.
         prior = Prior(float(f"{expected.mean:.4g}"), float(f"{expected.sd:.4g}"))
-        return replace(file, fixed=_without_k(file.fixed), priors={**file.priors, _K: prior})
+        fixed = {name: value for name, value in file.fixed.items() if name != _K}
+        return replace(file, fixed=fixed, priors={**file.priors, _K: prior})
     raise UsageError(f"the model does not make the assumption {name}", hint="terrain-est model show tells")
 
 
@@ -96,7 +97,8 @@ def imposed(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
         raise UsageError(f"the model makes the assumption {name} already")
     if name == MODULUS:
         shared = tuple(other for other in file.shared if other != _K)
-        file = replace(file, priors=_without_k(file.priors), shared=shared)
+        priors = {other: prior for other, prior in file.priors.items() if other != _K}
+        file = replace(file, priors=priors, shared=shared)
         # The base linear holds it without being told.
         held = _held(file, shear_modulus) is not None
         return file if held else replace(file, fixed={**file.fixed, _K: shear_modulus})
@@ -121,10 +123,6 @@ def _held(file: ModelFile, shear_modulus: float) -> float | None:
         return file.fixed[_K]
     said = _K in {*file.priors, *file.shared}
     return shear_modulus if file.model.base == "linear" and not said else None
-
-
-def _without_k(table: Mapping[str, T]) -> dict[str, T]:
-    return {name: value for name, value in table.items() if name != _K}
 
 
 class Changed(NamedTuple):

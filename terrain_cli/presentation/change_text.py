@@ -196,7 +196,7 @@ def _change(step: Step) -> dict[str, Any]:
             "segments": [one._asdict() for one in step.lost],
         },
         "alarm": {
-            "silent": step.quiet,
+            "silent": not step.second.failures,
             "failures_before": _failures(step.first),
             "failures_after": _failures(step.second),
         },
@@ -290,30 +290,26 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
         after = {one.name: one.after for one in last.channels}
         rows: list[Sequence[str]] = [("held-out rms error", "at first", "95 %", "at last", "95 %", "noise")]
         for one in first.channels:
-            what = quantities.quantity(one.name, one.unit)
-            cells = [cell for v in (one.before, after[one.name]) for cell in _cells(v, what.factor)]
             noise = next(x.noise for x in last.channels if x.name == one.name)
-            rows.append((what.label, *cells, quantities.number(noise * what.factor)))
+            rows.append(_row(one, (one.before, after[one.name]), noise))
         lines += ["", *aligned(rows), "", proof(first, "--keep-aside SHARE")]
     return "\n".join([*lines, comparison_text.conclusion_of(end.evidence, end.comparison, asked).sentence])
 
 
 def _errors(step: Step) -> list[str]:
     head = ("held-out rms error", "before", "95 %", "after", "95 %", "change", "95 %", "noise")
-    rows = []
-    for one in step.channels:
-        what = quantities.quantity(one.name, one.unit)
-        numbers = [
-            cell
-            for interval in (one.before, one.after, one.difference)
-            for cell in _cells(interval, what.factor)
-        ]
-        rows.append((what.label, *numbers, quantities.number(one.noise * what.factor)))
+    rows = [_row(one, (one.before, one.after, one.difference), one.noise) for one in step.channels]
     ratio = step.evidence.overall
     if len(rows) > 1:
         value, range_ = _cells(ratio, 1.0)
-        rows.append(("all, as a ratio", "", "", "", "", f"× {value}", range_, ""))
+        rows.append(["all, as a ratio", "", "", "", "", f"× {value}", range_, ""])
     return aligned([head, *rows])
+
+
+def _row(one: ChannelChange, intervals: Sequence[Interval], noise: float) -> list[str]:
+    what = quantities.quantity(one.name, one.unit)
+    cells = [cell for interval in intervals for cell in _cells(interval, what.factor)]
+    return [what.label, *cells, quantities.number(noise * what.factor)]
 
 
 def _cells(interval: Interval, factor: float) -> tuple[str, str]:
@@ -378,9 +374,7 @@ def ladder(rungs: Sequence[Rung]) -> tuple[list[str], list[list[str]]]:
         if not rung.channels:
             rows.append([*first, *[""] * 6])
         for one in rung.channels:
-            what = quantities.quantity(one.name, one.unit)
-            errors = (*_cells(one.before, what.factor), *_cells(one.after, what.factor))
-            rows.append([*first, what.label, *errors, quantities.number(one.noise * what.factor)])
+            rows.append([*first, *_row(one, (one.before, one.after), one.noise)])
             first = ["", ""]
     return head, rows
 

@@ -13,7 +13,7 @@ from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
-from terrain_cli.vocabulary.quantities import counted, known, listed, short
+from terrain_cli.vocabulary.quantities import counted, entries, known, listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,13 +45,7 @@ def looked_at(found: Conclusion, comparison: Comparison, asked: Asked | None = N
 
 
 def conclusion_document(conclusion: Conclusion) -> dict[str, Any]:
-    return {
-        "state": conclusion.state,
-        "sentence": conclusion.sentence,
-        "command": conclusion.command or None,
-        "record": list(conclusion.record),
-        "drive": conclusion.drive or None,
-    }
+    return entries(conclusion, "state", "sentence", "command", "record", "drive")
 
 
 def _asked(comparison: Comparison) -> Asked:
@@ -108,22 +102,15 @@ def _errors(errors: ChannelErrors) -> dict[str, Any]:
     return {
         "unit": errors.unit,
         "samples": errors.n,
-        **{key: known(getattr(errors, key)) for key in ("rmse", "bias", "nrmse", "noise", "heldout_rmse")},
+        **entries(errors, "rmse", "bias", "nrmse", "noise", "heldout_rmse"),
         "heldout_interval": [known(errors.heldout_low), known(errors.heldout_high)],
     }
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
-        "channel": finding.channel,
-        "driver": finding.driver or None,
-        "shape": finding.shape,
-        "p_value": finding.p_value,
-        **{key: known(getattr(finding, key)) for key in ("share", "amplitude", "seen")},
-        "unit": finding.unit,
-        "at": None if finding.at is None else known(finding.at),
-        "sentence": finding.sentence,
-        "alternatives": list(finding.alternatives),
+        **entries(finding, "channel", "driver", "shape", "p_value", "share", "amplitude", "seen"),
+        **entries(finding, "unit", "at", "sentence", "alternatives"),
         "worst_segments": [dict(zip(_PLACE, place, strict=True)) for place in finding.worst_segments],
     }
 
@@ -172,10 +159,9 @@ def _of_segment(error: Any) -> dict[str, float | None]:
 
 def _difference(one: Difference) -> dict[str, Any]:
     return {
-        "name": one.name,
-        "unit": one.unit,
+        **entries(one, "name", "unit"),
         **dict(zip(_PLACE, one.where or (None, None, None), strict=True)),
-        **{key: known(getattr(one, key)) for key in ("first", "second", "difference")},
+        **entries(one, "first", "second", "difference"),
         "interval": [known(one.low), known(one.high)],
         "se": known(one.se),
         "moved": bool(one.moved),
@@ -248,10 +234,9 @@ def _off_too(comparison: Comparison) -> Iterator[str]:
 
 def title(comparison: Comparison) -> str:
     """Name the model, and say with how much data it was compared."""
-    samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
-    segments = sum(len(wheel.segments) for wheel in comparison.wheels)
-    data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
-    return f"model {named(comparison)} against {data}"
+    data = data_document(comparison)
+    where = f"{counted(data['samples'], 'sample')} in {counted(data['segments'], 'segment')}"
+    return f"model {named(comparison)} against {where}"
 
 
 def _told(finding: Finding, comparison: Comparison) -> str:

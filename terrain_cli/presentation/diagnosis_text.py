@@ -11,7 +11,7 @@ from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement import model_history
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.quantities import known, listed, short
+from terrain_cli.vocabulary.quantities import entries, known, listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.screening import Screened
 
 FORMAT = "terrain-est/diagnosis/1"
+_ALARM = ("raised", "p_value", "level", "gain", "gain_se", "cause", "channel", "share", "smallest_share")
+_UNKNOWN = ("channel", "driver", "form", "explained", "sentence", "alternatives")
 #: Candidates that a person reads.
 _SHOWN = 8
 #: Effects whose scores one reads while the fits go on.
@@ -30,52 +32,25 @@ _EARLY = 5
 def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> dict[str, Any]:
     """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written."""
     comparison = diagnosis.comparison
-    alarm, unknown = diagnosis.alarm, diagnosis.unknown
     aside = kept_aside.number(wheel.samples for wheel in comparison.wheels)
     return {
         "format": FORMAT,
         "model": comparison.model,
         "data": {**comparison_text.data_document(comparison), **({"kept_aside": aside} if aside else {})},
         "channels": {
-            name: {
-                "unit": errors.unit,
-                **{key: known(getattr(errors, key)) for key in ("rmse", "heldout_rmse", "noise")},
-            }
+            name: entries(errors, "unit", "rmse", "heldout_rmse", "noise")
             for name, errors in comparison.channels.items()
         },
-        "alarm": {
-            "raised": alarm.raised,
-            "p_value": alarm.p_value,
-            "level": alarm.level,
-            "gain": known(alarm.gain),
-            "gain_se": known(alarm.gain_se),
-            "cause": alarm.cause or None,
-            "channel": alarm.channel or None,
-            "share": known(alarm.share),
-            "smallest_share": alarm.smallest_share,
-        },
-        "verdict": diagnosis.verdict,
-        "effect": diagnosis.effect,
-        "family": list(diagnosis.family),
-        "together": list(diagnosis.together),
+        "alarm": entries(diagnosis.alarm, *_ALARM),
+        **entries(diagnosis, "verdict", "effect", "family", "together"),
         "candidates": [
             {**_candidate(one, comparison.channels), "ranked_by": ranked}
             for one, ranked in zip(diagnosis.candidates, ranked_by(diagnosis.candidates), strict=True)
         ],
-        "unknown": None
-        if unknown is None
-        else {
-            "channel": unknown.channel,
-            "driver": unknown.driver or None,
-            "form": unknown.form,
-            "explained": unknown.explained,
-            "sentence": unknown.sentence,
-            "alternatives": list(unknown.alternatives),
-        },
+        "unknown": entries(diagnosis.unknown, *_UNKNOWN) if diagnosis.unknown else None,
         "next_drive": [model_history.drive(one) for one in diagnosis.next_drive],
         "not_testable": [one._asdict() for one in diagnosis.not_testable],
-        "warnings": list(diagnosis.warnings),
-        "sentence": diagnosis.sentence,
+        **entries(diagnosis, "warnings", "sentence"),
         "conclusion": comparison_text.conclusion_document(_concluded(diagnosis, asked, draft)),
     }
 
@@ -87,18 +62,11 @@ def _concluded(diagnosis: Diagnosis, asked: Asked | None, draft: str) -> conclus
 
 def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:
     return {
-        "effect": one.effect,
-        "title": one.title,
-        "score": known(one.score),
-        "p_value": one.p_value,
-        "explained": known(one.explained),
-        "surviving": known(one.surviving),
+        **entries(one, "effect", "title", "score", "p_value", "explained", "surviving"),
         "heldout_rmse": {name: known(one.heldout.get(name, math.nan)) for name in channels},
         "heldout_loss": known(one.loss),
         "heldout_loss_se": known(one.loss_se),
-        "refitted": one.refitted,
-        "in_family": one.in_family,
-        "doubt": one.doubt or None,
+        **entries(one, "refitted", "in_family", "doubt"),
         "parameters": {
             name: {
                 "value": known(size.value),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from terrain_cli.errors import TerrainError
 from terrain_cli.presentation import inspection
@@ -48,15 +48,11 @@ _SHARED = "[channels]"
 _EFFORT = "effort may be the torque at the wheel, or the current of a [motor]; keep the line that is right"
 
 
-class RoverDraft(NamedTuple):
-    """A rover file to be completed."""
+def draft(source: Source) -> tuple[str, list[str]]:
+    """Write the rover file of a log, and say what is left to fill in.
 
-    text: str  # TOML
-    left: tuple[str, ...]  # What is still to be filled in
-
-
-def draft(source: Source) -> RoverDraft:
-    """Write the rover file of a log; a line is a comment where only the user can tell what is meant."""
+    A line is a comment where only the user can tell what is meant.
+    """
     left = ["radius", "width", "shear_modulus"]
     name = "the standard input" if source.path == "-" else in_line(source.path)
     try:
@@ -73,7 +69,7 @@ def draft(source: Source) -> RoverDraft:
         left += ["position of each wheel"] * _turns(found)
         left += dict.fromkeys(channel for lack in lacks for channel in lack.ask or (lack.what,))
     top = _TOP.format(name=name, left=", ".join(left))
-    return RoverDraft("\n".join((top, _WHEEL, _SOIL, *channels)) + "\n", tuple(left))
+    return "\n".join((top, _WHEEL, _SOIL, *channels)) + "\n", left
 
 
 def _turns(found: Holdings) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import formats
+from formats.output.common_forms import is_wgs84, normalise, parse, projjson
 from terrain_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
@@ -41,7 +42,6 @@ def topics(table: Table, crs: str | None = None, before: Iterable[str] = ()) -> 
     them. Wheels that came `before` keep their names. InputError if a segment has no time, or is before 1970.
     """
     from formats.output.bag_writer import Topic
-    from formats.output.common_forms import normalise
 
     stamps = _stamps(table)
     columns = {
@@ -116,8 +116,6 @@ def _by_time(stamps: NDArray[np.int64], rows: Index) -> tuple[Index, Index, NDAr
 
 def _places(table: Table, rows: Index, ends: Index) -> tuple[Mask, Array]:
     """Return which messages have a longitude and latitude, and these."""
-    from formats.output.common_forms import parse
-
     places = np.full((len(rows), 2), np.nan)
     for message, (row, end) in enumerate(zip(rows.tolist(), ends.tolist(), strict=True)):
         shape = parse(table["WKT"][row])
@@ -134,8 +132,6 @@ def check(output: str | None, samples: str | None = None, crs: str | None = None
     try:
         formats.check_crs(crs)
         if "parquet" in kinds:
-            from formats.output.common_forms import projjson
-
             projjson(crs)
     except formats.FormatError as error:
         raise UsageError(f"--crs {error}", hint=error.hint) from None
@@ -168,8 +164,6 @@ def remark(output: str | None, crs: str | None) -> str:
     """Say what a person must know to read a file as it is meant; nothing if there is nothing to say."""
     if not output or not result_kind(output).startswith("geojson") or result_kind(output) == "geojson":
         return ""
-    from formats.output.common_forms import is_wgs84
-
     if crs and is_wgs84(crs):
         return ""
     system = f"-a_srs {crs}" if crs else "-a_srs NONE, for x and y of a site frame"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.estimation import WindowEstimates, assumed
+from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
@@ -231,16 +232,12 @@ def rejects(samples: Samples) -> Table:
     """Return the samples set aside, counted from 1 within the wheel, with the reason of each."""
     codes = samples.set_aside.codes
     rows = np.flatnonzero(codes >= 0)
-    known = samples.channels
     return {
         **_placed(samples, rows),
         "sample": rows + 1,
         "time_s": _times(samples, rows),
         "reason": [samples.set_aside.names[code] for code in codes[rows]],
-        "load_N": known["load"][rows],
-        "torque_Nm": known["torque"][rows],
-        "sinkage_m": known["sinkage"][rows],
-        "slip": known["slip"][rows],
+        **{_SAMPLE_COLUMNS[name]: samples.channels[name][rows] for name in NEEDED},
     }
 
 

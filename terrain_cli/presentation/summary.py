@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.estimation.strength import strength_at
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import counted, known
@@ -49,7 +50,7 @@ def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, r
     pooled = estimation.pool(estimates, rows)
     stresses = np.unique(estimates.stress[rows])
     stress = float(stresses[0]) if len(stresses) == 1 else np.nan
-    mapped, mapped_se = pooled.strength_at(stress)
+    mapped, mapped_se = map(float, strength_at(stress, pooled))
     long = rows[found != "too-few-samples"]
     separable = rows[(found != "too-few-samples") & estimates.separable[rows]]
     return {
@@ -145,25 +146,8 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
         else:
             known = "" if entry["fixed_by_data"] else "; the data do not fix it"
             lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
-    if model.get("missed"):
-        lines.append(
-            f"    the model misses {counted(model['missed'], 'segment')} by far more than noise: see "
-            "terrain-est diagnose"
-        )
-    if model.get("moved"):
-        lines.append(
-            f"    an effect that the model lacks shows in {counted(model['moved'], 'segment')}, and would "
-            "move c, φ or strength by more than its error: see terrain-est diagnose"
-        )
-    if model.get("unusual_contact"):
-        where = counted(model["unusual_contact"], "segment")
-        lines.append(
-            f"    in {where} the contact has another shape than usual, and c and φ rest on it. An error of a "
-            "sensor may look the same: see terrain-est diagnose"
-        )
-    if model["unsettled"]:
-        lines.append(f"    the fit did not converge in {counted(model['unsettled'], 'segment')}")
-    return lines
+    told = ((counted(model[key], "segment"), text) for key, text in _TOLD.items() if model.get(key))
+    return lines + [f"    {text.format(where)}" for where, text in told]
 
 
 def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
@@ -208,6 +192,15 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 
 #: Segments listed for a person at the most; the table has them all.
 LISTED = 40
+#: What is said of the segments that the account of a fit counts.
+_TOLD = {
+    "missed": "the model misses {} by far more than noise: see terrain-est diagnose",
+    "moved": "an effect that the model lacks shows in {}, and would move c, φ or strength by more than its "
+    "error: see terrain-est diagnose",
+    "unusual_contact": "in {} the contact has another shape than usual, and c and φ rest on it. An error of "
+    "a sensor may look the same: see terrain-est diagnose",
+    "unsettled": "the fit did not converge in {}",
+}
 _HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")
 _MAPPED = ("strength_at_stress_kPa", "strength_at_stress_se_kPa")
 _SHOWN = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", *_MAPPED, "stress_kPa")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from terrain_cli import models
 from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 from terrain_cli.vocabulary import toml_files
@@ -60,10 +61,6 @@ class Soil:
     cohesive_modulus: float
     frictional_modulus: float
     reference: str = ""  # Where the values are from
-
-    @property
-    def friction_angle(self) -> float:
-        return math.atan(self.tan_phi)  # rad
 
     def values(self, width: float) -> dict[str, float]:
         """Return the parameters of the model in SI units; the stiffness is kc/b + kφ, b the wheel's width."""
@@ -180,8 +177,6 @@ def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
 
 def choose(name: str, given: Mapping[str, float], place: str) -> Chosen:
     """Find an effect by id or path; parameters that are not given have their typical size."""
-    from terrain_cli import models
-
     try:
         effect = models.find_effect(name)
     except TerrainError as error:

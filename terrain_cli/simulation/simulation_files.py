@@ -28,6 +28,11 @@ NUMBER = "terrain_est_msgs/msg/Float64Stamped"
 NUMBER_DEFINITION = "std_msgs/Header header\nfloat64 data\n"
 FORMAT = "terrain-est/truth/1"
 JOINTS = "/joint_states"
+#: Channel of the body → its place in an Odometry.
+_ODOMETRY = {
+    "velocity": "twist.twist.linear.x",
+    **{name: f"pose.pose.position.{axis}" for name, axis in (("x", "x"), ("y", "y"), ("elevation", "z"))},
+}
 #: A file that begins so may be replaced.
 HEADER = "# Written by terrain-est simulate, which replaces it as long as this line stands first."
 
@@ -76,23 +81,9 @@ def _of_wheels(log: SimulatedLog) -> Iterator[Topic]:
 
 def _of_body(log: SimulatedLog) -> Iterator[Topic]:
     body = log.body
-    odometry = {name: body[name] for name in TOGETHER["odometry"][0]}
-    time = odometry["velocity"].time
-    yield _topic(
-        log,
-        "/odom",
-        "nav_msgs/msg/Odometry",
-        time,
-        {
-            "header.frame_id": "site",
-            "child_frame_id": "body",
-            "twist.twist.linear.x": odometry["velocity"].values,
-            "pose.pose.position.x": odometry["x"].values,
-            "pose.pose.position.y": odometry["y"].values,
-            "pose.pose.position.z": odometry["elevation"].values,
-            "pose.pose.orientation.w": 1.0,
-        },
-    )
+    columns: dict[str, Any] = {path: body[name].values for name, path in _ODOMETRY.items()}
+    columns |= {"header.frame_id": "site", "child_frame_id": "body", "pose.pose.orientation.w": 1.0}
+    yield _topic(log, "/odom", "nav_msgs/msg/Odometry", body["velocity"].time, columns)
     pitch, roll, yaw_rate = (body[name] for name in TOGETHER["attitude"][0])
     columns = {"header.frame_id": "body", "angular_velocity.z": yaw_rate.values}
     columns |= _orientation(pitch.values, roll.values)
@@ -148,7 +139,7 @@ def document(log: SimulatedLog) -> dict[str, Any]:
         "soils": {
             soil.name: {
                 "c_kPa": soil.cohesion / 1e3,
-                "phi_deg": math.degrees(soil.friction_angle),
+                "phi_deg": math.degrees(math.atan(soil.tan_phi)),
                 **soil.values(scenario.geometry.width),
                 "reference": soil.reference,
             }

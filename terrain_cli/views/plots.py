@@ -6,7 +6,6 @@ import re
 import time
 import warnings
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -15,20 +14,28 @@ import numpy as np
 
 import formats
 from formats.output.whole_files import explained
+from terrain_cli.comparison import Comparison
+from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
 from terrain_cli.errors import UsageError, nearest
-from terrain_cli.views import chart_style
+from terrain_cli.presentation import segment_table
+from terrain_cli.run.one_log import Outcome
+from terrain_cli.simulation import SimulatedLog
+from terrain_cli.views import chart_style, shown_samples, shown_segments
+
+# Before matplotlib is imported: it says which extra brings it.
+chart_style.need("plot")
+
+import matplotlib as mpl  # noqa: E402
+
+from terrain_cli.views.figures import drive_figures, model_figures, soil_figures  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.improvement.model_history import Rung
     from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.run.one_log import Outcome
-    from terrain_cli.simulation import SimulatedLog
     from terrain_cli.windows.cut_windows import Windows
 
     Drawn: TypeAlias = Comparison | Diagnosis | SimulatedLog | Sequence[Rung] | Sequence[Outcome]
@@ -107,8 +114,6 @@ class LivePictures:
 @contextmanager
 def _style() -> Iterator[None]:
     chart_style.need("plot")
-    import matplotlib as mpl
-
     with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
@@ -134,40 +139,31 @@ def _write(drawings: Iterable[Drawing], folder: str | Path) -> list[Path]:
 
 
 def _drawings(found: Drawn) -> Iterator[Drawing]:
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
-    from terrain_cli.run.one_log import Outcome
-    from terrain_cli.simulation import SimulatedLog
-    from terrain_cli.views import figures
-
     if isinstance(found, Comparison):
         yield from _of_comparison(found)
     elif isinstance(found, Diagnosis):
-        yield "candidates", partial(figures.candidates, found)
+        yield "candidates", partial(model_figures.candidates, found)
     elif isinstance(found, SimulatedLog):
-        yield "measured", partial(figures.measured, found)
+        yield "measured", partial(drive_figures.measured, found)
     elif outcomes := [one for one in found if isinstance(one, Outcome)]:
         yield from _of_outcomes(outcomes)
     else:
-        yield "ladder", partial(figures.errors, cast("Sequence[Rung]", found))
+        yield "ladder", partial(model_figures.errors, cast("Sequence[Rung]", found))
 
 
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
-    from terrain_cli.presentation import segment_table
-    from terrain_cli.views import figures, shown_samples, shown_segments
-
     shown = shown_samples.channels(comparison)
-    yield "predicted-measured", partial(figures.predicted_measured, comparison)
+    yield "predicted-measured", partial(model_figures.predicted_measured, comparison)
     for name in shown:
-        yield f"residual-{name.replace('_', '-')}", partial(figures.residuals, comparison, name)
+        yield f"residual-{name.replace('_', '-')}", partial(model_figures.residuals, comparison, name)
     table = shown_segments.soil_table(comparison)
-    yield "strength", partial(figures.strength, table)
+    yield "strength", partial(soil_figures.strength, table)
     for name, what in shown.items():
         label = f"rms misfit of {what.words}{what.in_unit}"
         misfit = shown_samples.misfit(comparison, name)
-        yield f"track-{name.replace('_', '-')}", partial(figures.track, table, {label: misfit})
+        yield f"track-{name.replace('_', '-')}", partial(soil_figures.track, table, {label: misfit})
     moments = shown_segments.moments(comparison)
-    yield "rim-stress", partial(figures.rim_stress, moments) if moments else lambda: None
+    yield "rim-stress", partial(soil_figures.rim_stress, moments) if moments else lambda: None
     driven = [wheel.segments for wheel in comparison.wheels if wheel.segments.lined]
     yield from _convergence([segment_table.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])
 
@@ -175,27 +171,19 @@ def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
 def _begun(windows: Windows) -> Windows:
     """Keep the first samples of a wheel: later ones do not show how an estimate converges."""
     n = min(len(windows.rows), MOST_TRACED)
-    bounds = windows.bounds[windows.bounds < n]
-    return replace(
-        windows, rows=windows.rows[:n], bounds=np.append(bounds, n), x=windows.x[:n], y=windows.y[:n]
-    )
+    return windows.taken(slice(n), np.append(windows.bounds[windows.bounds < n], n))
 
 
 def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Drawing]:
-    from terrain_cli.presentation import segment_table
-    from terrain_cli.views import figures
-
     table = segment_table.join([outcome.table for outcome in outcomes if outcome.table])
-    yield "strength", partial(figures.strength, table)
+    yield "strength", partial(soil_figures.strength, table)
     misfit = {"rms misfit of torque (N m)": table["torque_rmse_Nm"]}
-    yield "track", partial(figures.track, table, misfit)
+    yield "track", partial(soil_figures.track, table, misfit)
     yield from _valleys(table, [part for outcome in outcomes for part in outcome.posterior][:MOST_TRACES])
     yield from _convergence([trace for outcome in outcomes for trace in outcome.trace][:MOST_TRACES])
 
 
 def _valleys(table: Mapping[str, Any], posteriors: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
-    from terrain_cli.views import figures
-
     for number, posterior in enumerate(posteriors, 1):
         if not len(posterior["kind"]):
             continue
@@ -203,7 +191,7 @@ def _valleys(table: Mapping[str, Any], posteriors: Sequence[Mapping[str, Any]]) 
         rows = [j for j, one in enumerate(zip(table["source"], table["wheel"], strict=True)) if one == of]
         own = {name: [values[j] for j in rows] for name, values in table.items()}
         name = _numbered("valley", number, of[1], several=len(posteriors) > 1)
-        yield name, partial(figures.valleys, posterior, own)
+        yield name, partial(soil_figures.valleys, posterior, own)
 
 
 def _numbered(name: str, number: int, wheel: str, *, several: bool) -> str:
@@ -212,13 +200,11 @@ def _numbered(name: str, number: int, wheel: str, *, several: bool) -> str:
 
 
 def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
-    from terrain_cli.views import figures
-
     several = len(traces) > 1
     drawn = []
     for number, trace in enumerate(traces, 1):
         if len(trace["segment"]) and np.isfinite(trace["c_kPa"]).any():
             name = _numbered("convergence", number, trace["wheel"][0], several=several)
-            yield name, partial(figures.convergence, trace)
+            yield name, partial(drive_figures.convergence, trace)
             drawn.append(trace)
-    yield "convergence-of-all", partial(figures.convergence_of_all, drawn)
+    yield "convergence-of-all", partial(drive_figures.convergence_of_all, drawn)

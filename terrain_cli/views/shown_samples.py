@@ -26,8 +26,6 @@ _MOST_BINS, _LEAST = 24, 25
 #: A hole in a driver, as a share of its range, that a band does not bridge; a step of a driver that
 #: has few values is none.
 _HOLE, _FEW = 0.15, 12
-#: Samples counted at a time: all those of a long log at once would take some hundred MB.
-_BLOCK = 1_000_000
 #: Drivers that are shown before others.
 USUAL = (
     *("slip", "load", "sinkage", "velocity", "acceleration", "pitch", "yaw_rate", "motor_temperature"),
@@ -37,14 +35,6 @@ USUAL = (
 _UNSEEN = frozenset({"segment"})
 #: Labels that fit under an axis.
 MOST_LABELS = 12
-
-
-class Grid(NamedTuple):
-    """Counts of points in rectangles."""
-
-    x: Array  # x, y: shape (columns + 1,), (rows + 1,): edges
-    y: Array
-    counts: Array  # Shape (rows, columns)
 
 
 class Band(NamedTuple):
@@ -75,16 +65,6 @@ def limits(*columns: Array, margin: float = 0.03) -> tuple[float, float]:
     low, high = min(float(e[0]) for e in ends), max(float(e[1]) for e in ends)
     space = margin * (high - low) or 0.05 * abs(high) or 1.0
     return low - space, high + space
-
-
-def grid(x: Array, y: Array, bins: int = 50) -> Grid:
-    """Count points, all finite, in a grid over their range."""
-    edges = np.linspace(*limits(x), bins + 1), np.linspace(*limits(y), bins + 1)
-    counts = np.zeros((bins, bins))
-    for start in range(0, len(x), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        counts += np.histogram2d(x[part], y[part], bins=edges)[0]
-    return Grid(*edges, counts.T)
 
 
 def band(driver: Array, values: Array) -> Band:

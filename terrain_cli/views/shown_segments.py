@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from formats.output.common_forms import parse
 from terrain_cli.comparison.comparison_outcome import segment_soils
+from terrain_cli.estimation import PooledEstimate
+from terrain_cli.estimation.strength import strength_at
+from terrain_cli.mechanics.effect import Effect
+from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.presentation import segment_table
 from terrain_cli.views import shown_samples
 
@@ -16,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
-    from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
+    from terrain_cli.mechanics.wheel_model import WheelGeometry
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
     Table = Mapping[str, Any]
@@ -25,8 +30,8 @@ if TYPE_CHECKING:
 _WIDEST = 30.0
 #: Of an ellipse that holds 95 % of a normal distribution in the plane, in standard deviations.
 ELLIPSE = 2.4477
-#: Wheels under whose rim one looks.
-MOST_MOMENTS = 4
+#: Wheels under whose rim one looks, and angles on each side of that of the greatest stress.
+MOST_MOMENTS, _NODES = 4, 40
 
 
 def names(table: Table) -> list[str]:
@@ -49,12 +54,8 @@ def groups(table: Table, most: int) -> list[str]:
 
 def paths(table: Table) -> list[Array]:
     """Read the tracks of the segments, each of shape (points, 2), empty where a segment has no place."""
-    result = []
-    for text in table["WKT"]:
-        inside = text.partition("(")[2].rstrip(")")
-        points = [pair.split() for pair in inside.split(",")] if inside else []
-        result.append(np.array(points, dtype=float).reshape(-1, 2))
-    return result
+    shapes = map(parse, table["WKT"])
+    return [np.array(shape.points if shape else (), dtype=float).reshape(-1, 2) for shape in shapes]
 
 
 def geographic(table: Table) -> bool:
@@ -138,12 +139,16 @@ def mapped_strength(table: Table) -> tuple[str, Array]:
 
 def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
     """Return the strength of a segment's soil under normal stresses, with its standard error, all in kPa."""
-    slope = np.tan(np.radians(table["phi_deg"][row]))
-    slope_error = np.radians(table["phi_se_deg"][row]) * (1.0 + slope**2)
-    error = table["c_se_kPa"][row]
-    mixed = table["corr_c_phi"][row] * error * slope_error if error * slope_error > 0.0 else 0.0
-    variance = error**2 + 2.0 * stress * mixed + (stress * slope_error) ** 2
-    return table["c_kPa"][row] + slope * stress, np.sqrt(np.maximum(variance, 0.0))
+    return strength_at(
+        stress,
+        PooledEstimate(
+            c=table["c_kPa"][row],
+            c_se=table["c_se_kPa"][row],
+            phi=np.radians(table["phi_deg"][row]),
+            phi_se=np.radians(table["phi_se_deg"][row]),
+            corr=table["corr_c_phi"][row],
+        ),
+    )
 
 
 class Moment(NamedTuple):
@@ -154,6 +159,22 @@ class Moment(NamedTuple):
     wheel: WheelGeometry
     channels: Mapping[str, ArrayLike]  # Shape (1,)
     values: Mapping[str, float]  # Of all parameters
+
+    @property
+    def stresses(self) -> tuple[Array, Array, Array]:
+        """Angles under the rim in °, and normal and shear stress there in kPa, as the model has them."""
+        seen: list[tuple[Array, Array, Array]] = []
+
+        def look(q: Mapping[str, Any]) -> Any:
+            seen.append((q["angle"][:, 0], q["normal_stress"][:, 0], q["shear_stress"][:, 0]))
+            return q["shear_stress"]
+
+        # A law sees the stresses at the nodes, and the last one sees them as all others left them.
+        witness = Effect(id="looks-on", title="", kind="stress", parameters=(), laws={"shear_stress": look})
+        model = Model(self.model.base, (*self.model.effects, witness))
+        predict(model, self.wheel, self.channels, self.values, order=_NODES)
+        angle, normal, shear = np.array(seen[0])[:, np.argsort(seen[0][0])]
+        return np.degrees(angle), normal / 1e3, shear / 1e3
 
 
 def soil_table(comparison: Comparison) -> segment_table.Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -103,3 +103,14 @@ def short(value: float) -> str:
 def known(value: float) -> float | None:
     """Return a number as JSON has it: null where unknown."""
     return float(value) if math.isfinite(value) else None
+
+
+def entries(found: object, *names: str) -> dict[str, Any]:
+    """Return some of what a result holds as JSON has it: null for an unknown number and an empty text."""
+    values: dict[str, Any] = {}
+    for name in names:
+        value = getattr(found, name)
+        if isinstance(value, float):
+            value = known(value)
+        values[name] = list(value) if isinstance(value, tuple) else None if value == "" else value
+    return values

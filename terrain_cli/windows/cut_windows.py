@@ -67,6 +67,12 @@ class Windows:
         return _measured(self.samples, self.rows)
 
     @property
+    def line_columns(self) -> list[Array]:
+        """x, y, load, torque, sinkage and slip of the usable samples, as estimators of the line take them."""
+        channels = self.measured()
+        return [self.x, self.y, channels["load"], channels["torque"], channels["sinkage"], channels["slip"]]
+
+    @property
     def driving(self) -> Mask:
         """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
         return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)

@@ -271,7 +271,7 @@ def test_flexible_wheel_stands_on_the_contact_of_a_deeper_one():
 @pytest.mark.parametrize("quantity", ["torque", "load"])
 def test_effects_act_from_the_ground_to_the_sensor_however_they_are_listed(quantity):
     every = tuple(effects.catalogue().values())
-    order = [[e.kind for e in Model(effects=listed).changing(quantity)] for listed in (every, every[::-1])]
+    order = [[e.kind for e in Model(effects=listed).changing[quantity]] for listed in (every, every[::-1])]
     assert order[0] == order[1]
     assert order[0] == sorted(order[0], key=KINDS.index, reverse=quantity == "load")
     assert len(set(order[0])) > 1

@@ -12,8 +12,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from terrain_cli.effects.laws import expression, grammar
-from terrain_cli.effects.laws.effect_file import Law
-from terrain_cli.effects.laws.grammar import LawError
+from terrain_cli.effects.laws.grammar import Law, LawError
 from terrain_cli.mechanics.dual import seed
 
 NUMBERS = {"slip": 0.3, "load": 82.5, "x": -1.75, "torque_2": 7.0}

@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from terrain_cli.effects.laws import grammar
-from terrain_cli.effects.laws.effect_file import Law
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.errors import ConfigurationError
 
 HOSTILE = [

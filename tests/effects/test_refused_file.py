@@ -140,7 +140,7 @@ class TestFileRefused:
             ("scale = 10.0", "scale = 0", "scale: must be a positive number, not 0"),
             ("scale = 10.0", "scale = -1", "scale: must be a positive number, not -1"),
             ("scale = 10.0", "scale = 1" + "0" * 400, "scale: must be a positive number"),
-            ("scale = 10.0", "scale = 1" + "0" * 5000, "line 9 is longer than 2000"),
+            ("scale = 10.0", "scale = 1" + "0" * 5000, "not TOML"),
             ("scale = 10.0", "scale = 0x" + "f" * 1900, "scale: must be a positive number"),
             ("lower = 0.0", "lower = nan", "lower: must be a number"),
             ("lower = 0.0", "lower = 0.0\nupper = 0.0", "lower = 0 must be below upper = 0"),
@@ -159,7 +159,6 @@ class TestFileRefused:
             ("id", "deep = " + "[\n" * 5000 + "]" * 1500 + "\nid", "not TOML: nested too deep"),
             ("id", "deep = " + "{a=" * 450 + "1" + "}" * 450 + "\nid", "not TOML: nested too deep"),
             ("id", "columns." + "a." * 900 + "a = 1\nid", "not TOML: a key has more than 40 parts"),
-            ("id", "# x\n" * 20_000 + "\nid", "larger than 64 kB"),
         ],
     )
     def test_for(self, old, new, says, refused):
@@ -192,7 +191,7 @@ class TestFileRefused:
             effect_file.load(tmp_path / "none.toml")
 
     def test_folder(self, tmp_path):
-        with pytest.raises(ConfigurationError, match="cannot be read"):
+        with pytest.raises(ConfigurationError, match="is a directory"):
             effect_file.load(tmp_path)
 
     def test_device(self):
@@ -200,5 +199,5 @@ class TestFileRefused:
             effect_file.load("/dev/zero")
 
     def test_larger_than_any_law(self, write):
-        with pytest.raises(ConfigurationError, match="larger than 64 kB"):
-            effect_file.load(write(b"#" * 65_537))
+        with pytest.raises(ConfigurationError, match="longer than 4,194,304 characters"):
+            effect_file.load(write(b"#" * 4_194_305))

@@ -14,6 +14,7 @@ from simulator.paper import WHEEL
 import terrain_cli as terrain
 from terrain_cli.estimation import estimate_windows, pool, recursive
 from terrain_cli.estimation.line.pooled import RecursiveLine
+from terrain_cli.estimation.strength import strength_at
 from terrain_cli.mechanics.linear import line_coordinates
 
 STRESS = 1e4
@@ -42,7 +43,7 @@ def stresses(run):
 
 def test_follows_the_filter(run, stresses):
     x, y = stresses
-    trace = recursive(x, y, run.bounds, **run.channels)
+    trace = recursive([x, y, *run.channels.values()], run.bounds)
     for start in run.bounds[:-1]:
         states = list(kalman(x[start : start + 120], y[start : start + 120], noise=200.0**2))
         for k in (10, 40, 119):
@@ -56,8 +57,8 @@ def test_follows_the_filter(run, stresses):
 
 
 def test_ends_at_the_batch_answer(run, stresses):
-    trace = recursive(*stresses, run.bounds, **run.channels)
-    batch = estimate_windows(*stresses, run.bounds, **run.channels, **GEOMETRY, method="recursive")
+    trace = recursive([*stresses, *run.channels.values()], run.bounds)
+    batch = estimate_windows([*stresses, *run.channels.values()], run.bounds, GEOMETRY, method="recursive")
     last = run.bounds[1:] - 1
     for name in ("c", "c_se", "phi", "phi_se", "corr"):
         np.testing.assert_allclose(getattr(trace, name)[last], getattr(batch, name), rtol=1e-9)
@@ -65,16 +66,16 @@ def test_ends_at_the_batch_answer(run, stresses):
 
 def test_is_every_time_the_batch_answer_so_far(run, stresses):
     x, y = stresses
-    trace = recursive(x, y, run.bounds, **run.channels)
+    trace = recursive([x, y, *run.channels.values()], run.bounds)
     for k in (4, 17, 80):
         part = {name: values[:k] for name, values in run.channels.items()}
-        batch = estimate_windows(x[:k], y[:k], [0, k], **part, **GEOMETRY, method="recursive")
+        batch = estimate_windows([x[:k], y[:k], *part.values()], [0, k], GEOMETRY, method="recursive")
         for name in ("c", "c_se", "phi", "phi_se", "corr"):
             assert getattr(trace, name)[k - 1] == pytest.approx(getattr(batch, name)[0], rel=1e-6)
 
 
 def test_errors_shrink_and_begin_unknown(run, stresses):
-    trace = recursive(*stresses, run.bounds, **run.channels)
+    trace = recursive([*stresses, *run.channels.values()], run.bounds)
     for start in run.bounds[:-1]:
         assert np.isnan(trace.phi[start])
         assert np.isnan(trace.phi_se[start : start + 2]).all()
@@ -83,7 +84,7 @@ def test_errors_shrink_and_begin_unknown(run, stresses):
 
 
 def test_empty_windows_have_no_samples(stresses, run):
-    trace = recursive(*stresses, [0, 0, 120, 240, 360, 360], **run.channels)
+    trace = recursive([*stresses, *run.channels.values()], [0, 0, 120, 240, 360, 360])
     assert len(trace.c) == 360
 
 
@@ -92,7 +93,7 @@ def test_sample_by_sample_it_is_the_trace(run, stresses):
     columns = np.array([*stresses, *(run.channels[name] for name in ("load", "torque", "sinkage", "slip"))])
     columns = columns[:, :120]
     channels = {name: channel[:120] for name, channel in run.channels.items()}
-    trace = recursive(*columns[:2], [0, 120], **channels)
+    trace = recursive([*columns[:2], *channels.values()], [0, 120])
     line, done = RecursiveLine(), 0
     for size in (1, 1, 1, 2, 3, 1, 31, 80):
         line.add(columns[:, done : done + size])
@@ -176,9 +177,9 @@ def test_the_pivot_stays_within_the_stresses_of_the_windows():
     pooled = pool(given)
     assert pooled.sigma_star == 5000.0
     assert pooled.strength == pytest.approx(1000.0 + 5000.0 * np.tan(0.55), rel=1e-6)
-    assert (pooled.strength, pooled.strength_se) == pytest.approx(pooled.strength_at(5000.0), rel=1e-6)
+    assert (pooled.strength, pooled.strength_se) == pytest.approx(strength_at(5000.0, pooled), rel=1e-6)
     error = 0.002 * (1.0 + np.tan(0.55) ** 2) * 8000.0
-    assert pooled.strength_at(8000.0)[1] ** 2 == pytest.approx(30.0**2 + 2.0 * 0.8 * 30.0 * error + error**2)
+    assert strength_at(8000.0, pooled)[1] ** 2 == pytest.approx(30.0**2 + 2.0 * 0.8 * 30.0 * error + error**2)
 
 
 def test_weights_are_inverse_variances():
@@ -249,7 +250,7 @@ def test_windows_of_one_soil_hold_the_truth():
     for seed in range(40):
         run = drive(12, 60, seed, kind="scatter", share=0.2, noises=0.03)
         x, y = line_coordinates(**run.channels, **GEOMETRY)
-        estimates = estimate_windows(x, y, run.bounds, **run.channels, **GEOMETRY)
+        estimates = estimate_windows([x, y, *run.channels.values()], run.bounds, GEOMETRY)
         pooled = pool(estimates)
         assert pooled.phi_se < estimates.phi_se.mean()
         inside.append(

@@ -158,30 +158,30 @@ def window():
 
 def test_least_squares_turns_about_its_mean_point(window):
     moments, line = window
-    errors = uncertainty(moments, line, line.cohesion, line.tan_phi, AS_LEAST_SQUARES, correlated=True)
-    assert errors.pivot[0] == pytest.approx(moments.mean[X, 0])
+    errors, _ = uncertainty(moments, line, line.cohesion, line.tan_phi, AS_LEAST_SQUARES, correlated=True)
+    assert errors.sigma_star[0] == pytest.approx(moments.mean[X, 0])
     assert errors.strength[0] == pytest.approx(moments.mean[Y, 0])
-    tan_se = errors.phi * (1.0 + line.tan_phi**2)
-    np.testing.assert_allclose(errors.cohesion, np.hypot(errors.strength_se, moments.mean[X] * tan_se))
+    tan_se = errors.phi_se * (1.0 + line.tan_phi**2)
+    np.testing.assert_allclose(errors.c_se, np.hypot(errors.strength_se, moments.mean[X] * tan_se))
 
 
 def test_a_pull_off_the_mean_is_shown_and_counted(window):
     moments, line = window
     fair, pulled = (
-        uncertainty(moments, line, line.cohesion + by, line.tan_phi, AS_LEAST_SQUARES, correlated=True)
+        uncertainty(moments, line, line.cohesion + by, line.tan_phi, AS_LEAST_SQUARES, correlated=True)[0]
         for by in (0.0, 300.0)
     )
     np.testing.assert_allclose(pulled.strength, fair.strength + 300.0)
     np.testing.assert_allclose(pulled.strength_se, np.hypot(fair.strength_se, 300.0))
-    np.testing.assert_allclose(pulled.phi, fair.phi)
+    np.testing.assert_allclose(pulled.phi_se, fair.phi_se)
 
 
 def test_a_slope_off_the_bounds_is_counted(window):
     moments, line = window
-    fair, turned = (
+    (fair, open_), (turned, still_open) = (
         uncertainty(moments, line, line.cohesion, slope, AS_LEAST_SQUARES, correlated=True)
         for slope in (line.tan_phi, line.tan_phi - 0.3)
     )
-    np.testing.assert_allclose(turned.phi_open, fair.phi_open)
+    np.testing.assert_allclose(still_open, open_)
     middle = 0.5 * (fair.phi_low + fair.phi_high)
-    assert turned.phi[0] > (middle - np.arctan(line.tan_phi - 0.3))[0] > 3.0 * fair.phi_bias[0]
+    assert turned.phi_se[0] > (middle - np.arctan(line.tan_phi - 0.3))[0] > 3.0 * fair.phi_bias[0]

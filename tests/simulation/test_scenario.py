@@ -33,7 +33,7 @@ def test_published_values(name):
 
 def test_of_a_user():
     soil = soils_rule({"mine": OWN}, "f: soils")["mine"]
-    assert math.degrees(soil.friction_angle) == pytest.approx(35.0)
+    assert math.degrees(math.atan(soil.tan_phi)) == pytest.approx(35.0)
     assert soil.values(0.2)["stiffness"] == 1e6
     bekker = {**OWN, "cohesive_modulus": 1e4, "frictional_modulus": 2e6}
     del bekker["stiffness"]

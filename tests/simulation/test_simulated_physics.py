@@ -37,7 +37,7 @@ def test_against_the_independent_simulator(name):
     soil = Soil(
         name,
         own.cohesion,
-        own.friction_angle,
+        np.arctan(own.tan_phi),
         own.shear_modulus,
         own.cohesive_modulus,
         own.frictional_modulus,

@@ -157,7 +157,7 @@ LIST_MESSAGE = {
 
 def drafted(path, rover_of):
     """Return the rover of a draft, filled in."""
-    text = rover_draft.draft(formats.open_source(path)).text
+    text, _ = rover_draft.draft(formats.open_source(path))
     for name, value in (("radius", 0.125), ("width", 0.1), ("shear_modulus", 0.018)):
         text = text.replace(f"# {name} = …", f"{name} = {value}")
     return rover_of(text)

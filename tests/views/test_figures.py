@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from simulator.run import simulate
 
 from terrain_cli.presentation import segment_table
-from terrain_cli.views import chart_style, figures, shown_samples, shown_segments
+from terrain_cli.views import chart_style, shown_samples, shown_segments
+from terrain_cli.views.figures import drive_figures, model_figures, soil_figures
 
 pytestmark = pytest.mark.filterwarnings("ignore:Glyph .* missing from:UserWarning")
 
@@ -43,7 +44,7 @@ def texts(figure):
 
 
 def test_measured_less_predicted_over_the_predicted(comparison):
-    figure = figures.predicted_measured(comparison)
+    figure = model_figures.predicted_measured(comparison)
     drawn(figure)
     assert labels(figure) == {
         ("predicted torque T (N m)", "measured − predicted torque T (N m)"),
@@ -58,7 +59,7 @@ def test_measured_less_predicted_over_the_predicted(comparison):
 
 
 def test_median_lies_over_the_points_in_a_colour_of_its_own(comparison):
-    figure = figures.predicted_measured(comparison)
+    figure = model_figures.predicted_measured(comparison)
     for axes, name in zip(figure.axes, shown_samples.channels(comparison), strict=True):
         *others, median = axes.lines
         assert median.get_label() in ("median", "_median")
@@ -74,7 +75,7 @@ def many():
 
 
 def test_many_samples_are_counted(many):
-    figure = figures.predicted_measured(many)
+    figure = model_figures.predicted_measured(many)
     drawn(figure)
     assert [axes.get_xlabel() for axes in figure.axes].count("samples") == 3
     assert "\\mathdefault" not in texts(figure)
@@ -84,7 +85,7 @@ def test_many_samples_are_counted(many):
 
 
 def test_residual_against_its_drivers(comparison):
-    figure = figures.residuals(comparison, "torque")
+    figure = model_figures.residuals(comparison, "torque")
     drawn(figure)
     # That of the finding first; what does not vary drives nothing.
     assert [axes.get_xlabel() for axes in figure.axes] == [
@@ -100,14 +101,14 @@ def test_residual_against_its_drivers(comparison):
 
 
 def test_residual_of_many_samples(many):
-    figure = figures.residuals(many, "drawbar_pull")
+    figure = model_figures.residuals(many, "drawbar_pull")
     drawn(figure)
     assert all(axes.collections[0].get_array() is not None for axes in figure.axes)
 
 
 def test_strength(comparison):
     table = shown_segments.soil_table(comparison)
-    figure = figures.strength(table)
+    figure = soil_figures.strength(table)
     drawn(figure)
     assert labels(figure) == {
         ("cohesion c (kPa)", "friction angle φ (°)"),
@@ -117,7 +118,7 @@ def test_strength(comparison):
     assert figure.axes[0].patches
     n = len(table["wheel"])
     alike = {"terrain": [""] * n, "wheel": ["wheel"] * n, "status": ["ok"] * n}
-    assert not figures.strength({**table, **alike}).legends
+    assert not soil_figures.strength({**table, **alike}).legends
 
 
 def test_a_region_wider_than_the_axes_is_told_of(comparison):
@@ -126,16 +127,16 @@ def test_a_region_wider_than_the_axes_is_told_of(comparison):
     for name, error in (("c_se_kPa", 0.1), ("phi_se_deg", 1.0), ("corr_c_phi", 0.0)):
         table[name] = np.full(rows, error)
     table["status"] = ["ok"] * rows
-    assert "not in sight" not in figures.strength(table).axes[0].get_title(loc="left")
+    assert "not in sight" not in soil_figures.strength(table).axes[0].get_title(loc="left")
     # The axes are those of what is sure.
     table["status"][-1], table["c_se_kPa"][-1], table["phi_se_deg"][-1] = "not-separable", 1e4, 1e4
-    assert "(1 not in sight)" in figures.strength(table).axes[0].get_title(loc="left")
+    assert "(1 not in sight)" in soil_figures.strength(table).axes[0].get_title(loc="left")
 
 
 def test_track(comparison):
     misfit = shown_samples.misfit(comparison, "torque")
     table = shown_segments.soil_table(comparison)
-    figure = figures.track(table, {"rms misfit of torque (N m)": misfit})
+    figure = soil_figures.track(table, {"rms misfit of torque (N m)": misfit})
     drawn(figure)
     said = texts(figure)
     strength = f"strength at {table['stress_kPa'][0]:g} kPa (kPa)"
@@ -159,18 +160,18 @@ def test_misfit_of_a_segment_is_the_rms_of_its_residual(comparison):
 def test_no_track_without_places(comparison):
     table = {**shown_segments.soil_table(comparison)}
     table["WKT"] = [""] * len(table["WKT"])
-    assert figures.track(table, {}) is None
+    assert soil_figures.track(table, {}) is None
 
 
 def test_track_of_places_that_do_not_move(comparison):
     table = {**shown_segments.soil_table(comparison)}
     table["WKT"] = [f"POINT ({j} 0.0)" for j in range(len(table["WKT"]))]
-    drawn(figures.track(table, {}))
+    drawn(soil_figures.track(table, {}))
 
 
 def test_convergence(comparison):
     trace = segment_table.trace(comparison.wheels[0].windows)
-    figure = figures.convergence(trace)
+    figure = drive_figures.convergence(trace)
     drawn(figure)
     assert [axes.get_ylabel() for axes in figure.axes] == ["cohesion c (kPa)", "friction angle φ (°)"]
     assert figure.axes[1].get_xlabel() == "sample"
@@ -193,7 +194,7 @@ def named(figure):
 
 def test_convergence_of_all(comparison):
     traces = [first_segments(wheel, 2) for wheel in comparison.wheels]
-    figure = figures.convergence_of_all(traces)
+    figure = drive_figures.convergence_of_all(traces)
     drawn(figure)
     assert [axes.get_ylabel() for axes in figure.axes] == ["cohesion c (kPa)", "friction angle φ (°)"]
     assert named(figure) == [
@@ -214,7 +215,7 @@ def test_convergence_of_all(comparison):
 
 def test_convergence_of_logs_is_named_after_them(comparison):
     logs = ["sand.csv", "clay.csv", "loam.csv", "snow.csv"]
-    figure = figures.convergence_of_all(
+    figure = drive_figures.convergence_of_all(
         [first_segments(comparison.wheels[0], 1, source=log) for log in logs],
     )
     drawn(figure)
@@ -224,17 +225,17 @@ def test_convergence_of_logs_is_named_after_them(comparison):
 def test_convergence_of_what_is_not_told(comparison):
     wheel = comparison.wheels[0]
     nothing = dict.fromkeys(("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg"), np.nan)
-    drawn(figures.convergence_of_all([first_segments(wheel, 1), first_segments(wheel, 1, **nothing)]))
+    drawn(drive_figures.convergence_of_all([first_segments(wheel, 1), first_segments(wheel, 1, **nothing)]))
 
 
 def test_one_segment_or_too_many_are_not_drawn_over_one_another(comparison):
     one = first_segments(comparison.wheels[0], 1)
     for traces in ([], [one], [one] * 8):
-        assert figures.convergence_of_all(traces) is None
+        assert drive_figures.convergence_of_all(traces) is None
 
 
 def test_rim_stress(comparison):
-    figure = figures.rim_stress(shown_segments.moments(comparison))
+    figure = soil_figures.rim_stress(shown_segments.moments(comparison))
     drawn(figure)
     assert labels(figure) == {("angle from the vertical θ (°), forward positive", "stress (kPa)")}
     angle, normal = figure.axes[0].lines[1].get_xydata().T
@@ -246,23 +247,23 @@ def test_rim_stress(comparison):
 def test_rim_stress_names_the_log_of_several(comparison):
     wheel = comparison.wheels[0]
     two = replace(comparison, wheels=[replace(wheel, source=f"{soil}.csv") for soil in ("sand", "clay")])
-    figure = figures.rim_stress(shown_segments.moments(two))
+    figure = soil_figures.rim_stress(shown_segments.moments(two))
     drawn(figure)
     assert [axes.get_title("left").splitlines()[0] for axes in figure.axes] == ["sand.csv", "clay.csv"]
-    assert "run.csv" not in texts(figures.rim_stress(shown_segments.moments(comparison)))
+    assert "run.csv" not in texts(soil_figures.rim_stress(shown_segments.moments(comparison)))
 
 
 @pytest.mark.parametrize("name", ["$x^2$ <script> {} %s \\alpha", "a\nb 速度"])
 def test_names_from_files_are_drawn_as_they_are(run, name):
     odd = comparison_of(run, source=f"{name}.csv", extra=name)
     odd.wheels[0] = replace(odd.wheels[0], wheel=name)
-    drawn(figures.predicted_measured(odd))
-    figure = figures.residuals(odd, "torque")
+    drawn(model_figures.predicted_measured(odd))
+    figure = model_figures.residuals(odd, "torque")
     drawn(figure)
     assert name in [axes.get_xlabel() for axes in figure.axes]
     table = {**shown_segments.soil_table(odd)}
     table["terrain"] = [name, *table["terrain"][1:]]
-    drawn(figures.strength(table))
+    drawn(soil_figures.strength(table))
 
 
 def test_estimates_without_errors(comparison):
@@ -274,7 +275,7 @@ def test_estimates_without_errors(comparison):
         ("strength_kPa", "sigma_star_kPa"),
     ):
         table = {**table, **dict.fromkeys(names, nothing)}
-        drawn(figures.strength(table))
+        drawn(soil_figures.strength(table))
 
 
 def test_channel_that_is_measured_on_one_wheel_only(run):
@@ -283,8 +284,8 @@ def test_channel_that_is_measured_on_one_wheel_only(run):
     del wheel.series["drawbar_pull"], wheel.drivers["pitch"]
     series = wheel.series["torque"]
     wheel.series["torque"] = replace(series, measured=np.full(len(series.measured), np.nan))
-    drawn(figures.predicted_measured(partial))
-    drawn(figures.residuals(partial, "drawbar_pull"))
+    drawn(model_figures.predicted_measured(partial))
+    drawn(model_figures.residuals(partial, "drawbar_pull"))
     misfit = shown_samples.misfit(partial, "torque")
     assert np.isfinite(misfit[: len(partial.wheels[0].windows)]).all()
     assert np.isnan(misfit[len(partial.wheels[0].windows) :]).all()

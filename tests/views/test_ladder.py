@@ -8,7 +8,8 @@ import pytest
 
 from terrain_cli.improvement.model_history import rungs
 from terrain_cli.presentation import change_text
-from terrain_cli.views import chart_style, figures, report
+from terrain_cli.views import chart_style, report
+from terrain_cli.views.figures import model_figures
 
 ENTRY = {
     "action": "add",
@@ -40,13 +41,13 @@ def test_lengths_are_shown_in_mm():
 def test_a_wide_interval_does_not_hide_the_values():
     known = chart_style.measured(rungs([ENTRY]), "sinkage")
     assert chart_style.top(known) == pytest.approx(1.08 * 2.0 * 0.006)
-    (axes,) = figures.errors(rungs([ENTRY])).axes
+    (axes,) = model_figures.errors(rungs([ENTRY])).axes
     assert axes.get_ylim() == (0.0, pytest.approx(1e3 * chart_style.top(known)))
     assert axes.get_ylabel() == "sinkage (mm)"
 
 
 def test_picture_has_the_errors_in_their_places():
-    (axes,) = figures.errors(rungs([ENTRY, ENTRY])).axes
+    (axes,) = model_figures.errors(rungs([ENTRY, ENTRY])).axes
     points = [tuple(line.get_xydata()[k]) for line in axes.lines[:1] for k in (0, 1)]
     # Before, of both steps: left of the middle.
     assert points == [(pytest.approx(-0.18), pytest.approx(6.0)), (pytest.approx(0.82), pytest.approx(6.0))]
@@ -55,7 +56,7 @@ def test_picture_has_the_errors_in_their_places():
 
 def test_nothing_is_drawn_of_what_was_not_tried():
     untested = {"action": "add", "changed": ["hardpan"], "because": "no data were given", "tested": False}
-    assert figures.errors(rungs([untested])) is None
+    assert model_figures.errors(rungs([untested])) is None
     section = report.history([untested])
     assert [type(part) for part in section.parts] == [report.Table]
     assert not report.history([])

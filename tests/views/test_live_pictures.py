@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from terrain_cli.views import figures, plots
+from terrain_cli.views import plots
+from terrain_cli.views.figures import drive_figures
 from terrain_cli.views.plots import LivePictures
 
 
@@ -84,7 +85,7 @@ def test_segments_follow_each_other_by_their_samples():
     trace = {"source": ["-"] * 4, "wheel": ["left"] * 4, **{name: np.ones(4) for name in names}}
     trace |= {"segment": [segment for segment, _ in rows], "sample": [samples for _, samples in rows]}
     trace["before"] = [0, 0, 300, 300]
-    upper, _ = figures.convergence(trace).axes
+    upper, _ = drive_figures.convergence(trace).axes
     np.testing.assert_equal(upper.lines[0].get_xdata(), [10, 300, np.nan, 320, 400])
-    upper, _ = figures.convergence_of_all([trace]).axes
+    upper, _ = drive_figures.convergence_of_all([trace]).axes
     assert [line.get_xdata().tolist() for line in upper.lines[:2]] == [[10, 300], [20, 100]]

@@ -72,10 +72,10 @@ def test_svg_has_its_text_as_text(folder, name):
 
 
 def test_same_data_same_files(comparison, folder, tmp_path, monkeypatch):
-    from terrain_cli.views import figures
+    from terrain_cli.views.figures import model_figures
 
     def one(shown):
-        yield "predicted-measured", lambda: figures.predicted_measured(shown)
+        yield "predicted-measured", lambda: model_figures.predicted_measured(shown)
 
     monkeypatch.setattr(plots, "_of_comparison", one)
     for path in plots.write(comparison, tmp_path):

@@ -1,4 +1,4 @@
-"""Counts, bands and shares of many points."""
+"""Bands and shares of many points."""
 
 from __future__ import annotations
 
@@ -13,25 +13,6 @@ from terrain_cli.views import shown_samples
 
 def values(n):
     return arrays(float, n, elements=st.floats(-1e6, 1e6, allow_subnormal=False))
-
-
-@given(x=values(300), y=values(300))
-def test_grid_counts_every_point_once(x, y):
-    grid = shown_samples.grid(x, y, 7)
-    assert grid.counts.sum() == 300
-    assert grid.counts.shape == (7, 7)
-
-
-def test_grid_counts_in_parts_as_in_one(monkeypatch):
-    x, y = np.random.default_rng(0).normal(size=(2, 1000))
-    whole = shown_samples.grid(x, y).counts
-    monkeypatch.setattr(shown_samples, "_BLOCK", 33)
-    np.testing.assert_array_equal(shown_samples.grid(x, y).counts, whole)
-
-
-def test_rows_of_the_grid_go_with_y():
-    grid = shown_samples.grid(np.array([0.0, 0.0, 10.0]), np.array([0.0, 0.0, 5.0]), 2)
-    np.testing.assert_array_equal(grid.counts, [[2, 0], [0, 1]])
 
 
 @pytest.mark.parametrize(("n", "most"), [(10, 20), (20, 20), (21, 20), (10_000, 17)])

@@ -14,7 +14,8 @@ from terrain_cli.estimation import fit_account
 from terrain_cli.estimation.estimators import estimate_lines
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.one_log import Outcome
-from terrain_cli.views import chart_style, figures, plots
+from terrain_cli.views import chart_style, plots
+from terrain_cli.views.figures import soil_figures
 from terrain_cli.windows import cut_windows
 
 SAMPLE = Path(__file__).parents[2] / "sample_data"
@@ -41,7 +42,7 @@ def drawn(figure):
 
 def test_a_panel_for_each_segment_and_no_more_than_can_be_read(wheel):
     table, posterior = wheel
-    figure = figures.valleys(posterior, table)
+    figure = soil_figures.valleys(posterior, table)
     assert np.ptp(drawn(figure)) > 100
     assert len(figure.axes) == 12
     assert figure.get_suptitle().endswith(f": 12 of {len(set(posterior['segment']))} segments")
@@ -58,7 +59,7 @@ def test_a_prior_is_drawn_where_it_matters(wheel):
     known = np.asarray(posterior["kind"]) == "parameter"
     prior = {**posterior, "prior": posterior["value"], "prior_sd": np.where(known, posterior["se"], np.nan)}
     for shown, said in ((posterior, False), (prior, True)):
-        entries = {text.get_text() for text in figures.valleys(shown, table).legends[0].get_texts()}
+        entries = {text.get_text() for text in soil_figures.valleys(shown, table).legends[0].get_texts()}
         assert ("68 % of what is known beforehand" in entries) == said
 
 
@@ -67,7 +68,7 @@ def test_the_legend_of_one_segment_fits_and_its_stress_is_not_that_of_the_table(
     rows = np.flatnonzero(np.asarray(posterior["segment"]) == 1)
     one = {name: np.asarray(values)[rows] for name, values in posterior.items()}
     with mpl.rc_context(chart_style.SETTINGS):
-        figure = figures.valleys({**one, "prior": one["value"], "prior_sd": one["se"]}, table)
+        figure = soil_figures.valleys({**one, "prior": one["value"], "prior_sd": one["se"]}, table)
         FigureCanvasAgg(figure).draw()
         legend = figure.legends[0].get_window_extent()
     assert len(figure.axes) == 1
@@ -79,7 +80,7 @@ def test_no_grid_no_picture(wheel):
     table, posterior = wheel
     rows = [j for j, kind in enumerate(posterior["kind"]) if kind == "parameter"]
     assert (
-        figures.valleys({name: [values[j] for j in rows] for name, values in posterior.items()}, table)
+        soil_figures.valleys({name: [values[j] for j in rows] for name, values in posterior.items()}, table)
         is None
     )
 

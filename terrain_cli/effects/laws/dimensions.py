@@ -13,7 +13,7 @@ import unicodedata
 from dataclasses import dataclass
 from fractions import Fraction
 from math import tau
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from terrain_cli.effects.laws import expression
 from terrain_cli.effects.laws.grammar import LawError
@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from terrain_cli.effects.laws.expression import Node
 
 _BASE = ("kg", "m", "s", "K", "A", "m^n")
-#: Bounds of the text of a unit: characters, brackets, powers.
+#: Bounds of the text of a unit: characters, powers.
 _LONGEST = 60
-_DEEPEST = 5
 _HIGHEST = 12
 #: Largest size, over that of the SI unit.
 _LARGEST = 1e30
@@ -58,21 +57,11 @@ class Dimension:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Scale:
+class Scale(NamedTuple):
     """What a unit is in SI."""
 
     factor: float  # SI value of one
     dimension: Dimension
-
-    def __mul__(self, other: Scale) -> Scale:
-        return Scale(self.factor * other.factor, self.dimension * other.dimension)
-
-    def __truediv__(self, other: Scale) -> Scale:
-        return Scale(self.factor / other.factor, self.dimension / other.dimension)
-
-    def __pow__(self, exponent: Fraction) -> Scale:
-        return Scale(self.factor ** float(exponent), self.dimension**exponent)
 
 
 def _of(**powers: int) -> Dimension:
@@ -81,7 +70,6 @@ def _of(**powers: int) -> Dimension:
 
 PLAIN = _of()
 METRE = _of(m=1)
-SECOND = _of(s=1)
 #: m^n, with n the sinkage exponent.
 METRE_TO_N = Dimension((*PLAIN.powers[:-1], Fraction(1)))
 _MEASURES = {name: _of(**powers) for name, powers in units.POWERS.items()}
@@ -100,6 +88,7 @@ _POWER = re.compile(
     r"\^?(?P<number>[+-]?[0-9]{1,4}(?:\.[0-9]{1,4})?)"
     r"|\^(?:\((?P<open>n)?(?P<more>[+-]?[0-9]{1,4}(?:\.[0-9]{1,4}|/[1-9][0-9]?)?)?\)|(?P<n>n)(?![A-Za-z]))"
 )
+_OPEN, _CLOSE = re.compile(r"\("), re.compile(r"\)")
 _JOINT = re.compile(r"\s*/\s*|\s*[·*⋅∙]\s*|\s+(?!\))|\.(?=[A-Za-z])")
 
 
@@ -115,7 +104,7 @@ class _UnitReader:
         self.whole = text.strip()
         plain = unicodedata.normalize("NFKC", self.whole[: 2 * _LONGEST].replace("º", "°"))
         self.text = plain.replace("−", "-").replace("**", "^")
-        self.place = self.depth = 0
+        self.place = 0
 
     def fail(self, problem: str, advice: str = _FORM) -> NoReturn:
         shown = self.whole if len(self.whole) <= _LONGEST else self.whole[: _LONGEST - 1] + "…"
@@ -142,30 +131,23 @@ class _UnitReader:
         return scale
 
     def product(self) -> Scale:
-        scale, divided = self.factor(), False
+        (factor, dimension), divided = self.factor(), False
         while self.place < len(self.text) and self.text[self.place] != ")":
             joint = self.take(_JOINT)
             if joint is None:
                 self.fail(f"is not a known unit from {self.text[self.place :]!r} on")
-            if "/" in joint[0]:
-                scale, divided = scale / self.factor(), True
-            elif divided:
+            if divided and "/" not in joint[0]:
                 self.fail("can be read in two ways", "put all that divides into brackets: N/(m s)")
-            else:
-                scale = scale * self.factor()
-        return scale
+            divided, other = "/" in joint[0], self.factor()
+            factor = factor / other.factor if divided else factor * other.factor
+            dimension = dimension / other.dimension if divided else dimension * other.dimension
+        return Scale(factor, dimension)
 
     def factor(self) -> Scale:
-        if self.text.startswith("(", self.place):
-            self.place += 1
-            self.depth += 1
-            if self.depth > _DEEPEST:
-                self.fail("has too many brackets")
+        if self.take(_OPEN):
             scale = self.product()
-            if not self.text.startswith(")", self.place):
+            if not self.take(_CLOSE):
                 self.fail("has a ( that is never closed")
-            self.place += 1
-            self.depth -= 1
             return scale
         symbol = self.take(_SYMBOL)
         if symbol is None:
@@ -188,12 +170,12 @@ class _UnitReader:
         number = Fraction(power["number"] or power["more"] or 0)
         if abs(number) > _HIGHEST:
             self.fail(f"is not a unit: powers go up to {_HIGHEST}")
-        raised = scale**number
+        raised = Scale(scale.factor ** float(number), scale.dimension**number)
         if not (power["open"] or power["n"]):
             return raised
         if scale != Scale(1.0, METRE):
             self.fail("is not a unit: only m can have the power n, the sinkage exponent")
-        return raised * Scale(1.0, METRE_TO_N)
+        return raised._replace(dimension=raised.dimension * METRE_TO_N)
 
 
 _COMMON = {PLAIN: "a plain number"} | {

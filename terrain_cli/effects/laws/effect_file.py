@@ -7,11 +7,9 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from formats.byte_sources import read_short
 from formats.content import failure
-from formats.errors import FormatError
 from terrain_cli.effects.laws import dimensions, expression, grammar, law_names, law_trial
-from terrain_cli.effects.laws.grammar import LawError
+from terrain_cli.effects.laws.grammar import Law, LawError
 from terrain_cli.effects.laws.law_names import FILE, LONGEST_NAME, NAME_FORM
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.mechanics.effect import Effect, Kind, Parameter
@@ -25,29 +23,6 @@ if TYPE_CHECKING:
     from terrain_cli.effects.laws.law_trial import Trial
 
 
-class Law:
-    """A law read from a text; `factors` make what it reads of further columns SI."""
-
-    def __init__(self, text: str, factors: Mapping[str, float] | None = None) -> None:
-        self.text, self.factors = text, dict(factors or {})
-        self.tree = grammar.parse(text)
-        self.reads = tuple(dict.fromkeys(name.id for name in expression.names(self.tree)))
-
-    def __reduce__(self) -> tuple[type[Law], tuple[str, dict[str, float]]]:
-        """Travel between processes as text."""
-        return Law, (self.text, self.factors)
-
-    def __call__(self, q: Mapping[str, Any]) -> Any:
-        """Evaluate it, of arrays or numbers with derivatives; NaN where it is no number."""
-        if self.factors:
-            q = {name: q[name] * self.factors.get(name, 1.0) for name in self.reads}
-        return expression.evaluate(self.tree, q)
-
-
-#: Largest file, in bytes: a law is a few lines.
-LARGEST_FILE = 65_536
-#: Longest line, in characters: the reader of TOML takes seconds for a key of thousands of parts.
-LONGEST_LINE = 2000
 _KIND: dict[str, Kind] = {
     **dict.fromkeys(("cohesion", "tan_phi", "shear_modulus", "stiffness", "sinkage_exponent"), "soil"),
     **dict.fromkeys(("normal_stress", "shear_stress"), "stress"),
@@ -78,44 +53,21 @@ def parse(text: str, name: str = "draft") -> Effect:
 
 
 def read(path: str | Path) -> Understood:
-    raw = _text(str(path))
+    try:
+        raw = toml_files.read_text(path)
+    except ConfigurationError as error:
+        if isinstance(error.__cause__, FileNotFoundError | PermissionError | NotADirectoryError):
+            raise failure(str(path), error.__cause__) from error
+        raise
     content = FILE(toml_files.parse(raw, path), f"{path}: ")
     return _Reader(str(path), raw, content).understood()
-
-
-def _text(path: str) -> str:
-    try:
-        data = read_short(path, LARGEST_FILE + 1)
-    except FormatError as error:
-        raise ConfigurationError(str(error)) from error
-    except (FileNotFoundError, PermissionError, NotADirectoryError) as error:
-        raise failure(path, error) from error
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from error
-    if len(data) > LARGEST_FILE:
-        raise ConfigurationError(
-            f"{path}: larger than {LARGEST_FILE // 1024} kB", hint="an effect is a few lines of TOML"
-        )
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{path}: not text in UTF-8", hint="save it as UTF-8") from error
-    for number, line in enumerate(text.split("\n"), start=1):
-        if len(line) > LONGEST_LINE:
-            raise ConfigurationError(
-                f"{path}: line {number} is longer than {LONGEST_LINE} characters",
-                hint='a text between """ and """ may go over several lines',
-            )
-    return text
 
 
 class _Reader:
     """One file on its way to an effect."""
 
     def __init__(self, path: str, raw: str, content: dict[str, Any]) -> None:
-        self.path, self.raw, self.content = path, raw.replace("\r\n", "\n"), content
+        self.path, self.raw, self.content = path, raw, content
         self.warnings: list[str] = []
 
     def fail(self, problem: str, advice: str = "") -> ConfigurationError:

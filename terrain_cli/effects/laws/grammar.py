@@ -26,7 +26,8 @@ from terrain_cli.effects.laws.expression import (
 from terrain_cli.errors import ConfigurationError, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
+    from typing import Any
 
 #: Bounds: characters, nested brackets, parts in all, powers, characters of a number or name.
 LONGEST = 1000
@@ -127,6 +128,25 @@ def written(name: str) -> str:
     if not name.strip() or not name.isprintable() or "`" in name:
         return ""
     return name if NAME.fullmatch(name) else f"`{name}`"
+
+
+class Law:
+    """A law read from a text; `factors` make what it reads of further columns SI."""
+
+    def __init__(self, text: str, factors: Mapping[str, float] | None = None) -> None:
+        self.text, self.factors = text, dict(factors or {})
+        self.tree = parse(text)
+        self.reads = tuple(dict.fromkeys(name.id for name in names(self.tree)))
+
+    def __reduce__(self) -> tuple[type[Law], tuple[str, dict[str, float]]]:
+        """Travel between processes as text."""
+        return Law, (self.text, self.factors)
+
+    def __call__(self, q: Mapping[str, Any]) -> Any:
+        """Evaluate it, of arrays or numbers with derivatives; NaN where it is no number."""
+        if self.factors:
+            q = {name: q[name] * self.factors.get(name, 1.0) for name in self.reads}
+        return evaluate(self.tree, q)
 
 
 def parse(text: str) -> Node:

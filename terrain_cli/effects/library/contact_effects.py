@@ -6,14 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.contact import slip_of_radius
 from terrain_cli.mechanics.effect import Effect, Quantities, Sum
-
-
-def _max_stress_angle(q: Quantities) -> Any:
-    return q["max_stress_angle"] + (q["c1"] - 0.5 + q["c2"] * q["slip"]) * q["entry_angle"]
-
 
 MAX_STRESS_ANGLE = Effect(
     id="max-stress-angle",
@@ -26,7 +22,7 @@ MAX_STRESS_ANGLE = Effect(
     # Shares at full slip that were published lie between 0.5 and 0.8; near 1 the rim carries nothing, and
     # any wheel sinks.
     sums=(Sum(("c1", "c2"), 0.0, 0.85),),
-    laws={"max_stress_angle": _max_stress_angle},
+    laws={"max_stress_angle": Law("max_stress_angle + (c1 - 0.5 + c2 * slip) * entry_angle")},
     formula="θm = (c1 + c2 i) θ1",
     explanation=(
         "Where two bodies of soil part, one flowing forward and one backward, the stress on the rim is "
@@ -47,11 +43,6 @@ MAX_STRESS_ANGLE = Effect(
     settled_by="a slip sweep at one load, with sinkage and drawbar pull measured together",
 )
 
-
-def _exit_angle(q: Quantities) -> Any:
-    return q["exit_angle"] - q["c3"] * q["entry_angle"]
-
-
 REAR_CONTACT = Effect(
     id="rear-contact",
     title="Contact behind the axle",
@@ -61,7 +52,7 @@ REAR_CONTACT = Effect(
             "c3", 0.2, "angle of contact behind the axle, as a share of the entry angle", (-0.3, 1.2), side=1
         ),
     ),
-    laws={"exit_angle": _exit_angle},
+    laws={"exit_angle": Law("exit_angle - c3 * entry_angle")},
     formula="θ2 = −c3 θ1",
     explanation=(
         "The soil springs back or flows in behind the wheel, and the contact ends behind the lowest point "
@@ -80,9 +71,7 @@ REAR_CONTACT = Effect(
     settled_by="load steps at one slip, with sinkage and drawbar pull measured, or a photograph of the rut",
 )
 
-
-def _shear_radius(q: Quantities) -> Any:
-    return q["shear_radius"] + q["lambda_s"] * q["grouser_height"]
+_SHEAR_RADIUS = Law("shear_radius + lambda_s * grouser_height")
 
 
 def _slip_of_the_rim(q: Quantities) -> Any:
@@ -106,7 +95,7 @@ GROUSERS = Effect(
             side=1,
         ),
     ),
-    laws={"shear_radius": _shear_radius},
+    laws={"shear_radius": _SHEAR_RADIUS},
     needs=("grouser_height",),
     formula="rs = r + λs h",
     explanation=(
@@ -125,27 +114,13 @@ GROUSERS = Effect(
         "performance for planetary exploration rovers moving in deformable soil, Journal of Terramechanics "
         "48(1), 27–45"
     ),
-    others=({"slip": _slip_of_the_rim, "shear_radius": _shear_radius},),
+    others=({"slip": _slip_of_the_rim, "shear_radius": _SHEAR_RADIUS},),
     settled_by="a slip sweep through zero with drawbar pull measured, or the same drive on a smooth wheel",
 )
 
 
-#: Keeps the contact's radius finite where the wheel does not sink, as a share of r.
-_LEAST_SINKAGE = 0.02
-
-
 def _slip_of_a_flat_wheel(q: Quantities) -> Any:
     return slip_of_radius(q["slip"], 1.0 - q["deflection"])
-
-
-def _flattened(q: Quantities) -> Any:
-    r = q["wheel_radius"]
-    return q["radius"] * (1.0 + q["deflection"] * r / (q["sinkage"] + _LEAST_SINKAGE * r))
-
-
-def _torque_at_the_axle(q: Quantities) -> Any:
-    # The stresses of the flattened arc act at the height of the axle, not at the arc's radius.
-    return q["torque"] * (1.0 - q["deflection"]) * q["wheel_radius"] / q["radius"]
 
 
 FLEXIBLE_WHEEL = Effect(
@@ -155,7 +130,13 @@ FLEXIBLE_WHEEL = Effect(
     parameters=(
         parameter("deflection", 0.05, "δ/r: how far the rim gives way, over the radius", (-0.1, 0.4), side=1),
     ),
-    laws={"slip": _slip_of_a_flat_wheel, "radius": _flattened, "torque": _torque_at_the_axle},
+    laws={
+        "slip": _slip_of_a_flat_wheel,
+        # A share of r keeps the contact's radius finite where the wheel does not sink.
+        "radius": Law("radius * (1 + deflection * wheel_radius / (sinkage + 0.02 * wheel_radius))"),
+        # The stresses of the flattened arc act at the height of the axle, not at the arc's radius.
+        "torque": Law("torque * (1 - deflection) * wheel_radius / radius"),
+    },
     needs=("slip",),
     formula="rolling radius r − δ; radius of the contact r (1 + δ/z), so that it is as long as that of z + δ",
     explanation=(

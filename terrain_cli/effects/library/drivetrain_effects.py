@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.effect import Effect, Quantities
 
@@ -52,13 +53,6 @@ DRIVETRAIN_FRICTION = Effect(
     settled_by="the wheel turning in the air at several speeds, or a load step with drawbar pull measured",
 )
 
-
-def _torque_before_the_gear(q: Quantities) -> Any:
-    torque = q["torque"]
-    # A wheel that drives its motor loses the same share the other way.
-    return np.where(torque < 0.0, torque * q["eta"], torque / q["eta"])
-
-
 GEAR_EFFICIENCY = Effect(
     id="gear-efficiency",
     title="Efficiency of the gear",
@@ -68,7 +62,8 @@ GEAR_EFFICIENCY = Effect(
             "eta", 0.2, "share of the measured torque that reaches the wheel", (0.2, 1.1), null=1.0, side=-1
         ),
     ),
-    laws={"torque": _torque_before_the_gear},
+    # A wheel that drives its motor loses the same share the other way.
+    laws={"torque": Law("where(torque < 0, torque * eta, torque / eta)")},
     formula="T shown = T/η, or T η where the wheel drives the motor",
     explanation=(
         "A harmonic or planetary gear loses a share of what passes through it: η is 0.5 to 0.95, lower when "
@@ -86,16 +81,6 @@ GEAR_EFFICIENCY = Effect(
     settled_by="a load step with drawbar pull measured, or torque measured behind the gear",
 )
 
-
-#: T0 in °C: the temperature for which data sheets give the torque constant.
-_REFERENCE_TEMPERATURE = 25.0
-
-
-def _torque_of_a_warm_motor(q: Quantities) -> Any:
-    constant = 1.0 + q["alpha"] * (q["motor_temperature"] - _REFERENCE_TEMPERATURE)
-    return q["torque"] / np.maximum(constant, 0.2)
-
-
 MOTOR_TEMPERATURE = Effect(
     id="motor-temperature",
     title="The motor's torque constant changes as it warms",
@@ -109,7 +94,8 @@ MOTOR_TEMPERATURE = Effect(
             unit="1/K",
         ),
     ),
-    laws={"torque": _torque_of_a_warm_motor},
+    # Data sheets give the torque constant at 25 °C.
+    laws={"torque": Law("torque / max(1 + alpha * (motor_temperature - 25), 0.2)")},
     needs=("motor_temperature",),
     formula="T shown = T/(1 + α (Tm − 25 °C))",
     explanation=(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.effect import Effect, Quantities
 
@@ -60,19 +61,8 @@ BULLDOZING = Effect(
     settled_by="load steps, or a slip sweep that sinks the wheel, with drawbar pull measured",
 )
 
-
-def _pressing(q: Quantities) -> Any:
-    return 1.0 + q["factor"] * (np.cos(q["pitch"]) - 1.0)
-
-
-def _load_on_a_slope(q: Quantities) -> Any:
-    return q["load"] * _pressing(q)
-
-
-def _pull_on_a_slope(q: Quantities) -> Any:
-    weight = q["load"] / np.maximum(_pressing(q), 0.1)
-    return q["drawbar_pull"] - q["factor"] * weight * np.sin(q["pitch"])
-
+#: Share of the weight that presses on the ground.
+_PRESSING = "(1 + factor * (cos(pitch) - 1))"
 
 SLOPE = Effect(
     id="slope",
@@ -83,7 +73,10 @@ SLOPE = Effect(
             "factor", 1.0, "share of the weight's parts that the data leave out; 1 is all", (-0.5, 2.0)
         ),
     ),
-    laws={"load": _load_on_a_slope, "drawbar_pull": _pull_on_a_slope},
+    laws={
+        "load": Law(f"load * {_PRESSING}"),
+        "drawbar_pull": Law(f"drawbar_pull - factor * (load / max({_PRESSING}, 0.1)) * sin(pitch)"),
+    },
     needs=("pitch", "load"),
     formula="W felt = W cos(pitch), DP shown = DP − W sin(pitch), each taken by the factor",
     explanation=(

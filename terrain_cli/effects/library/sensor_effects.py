@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.contact import slip_of_radius
 from terrain_cli.mechanics.effect import Effect, Quantities
@@ -16,11 +17,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.mechanics.effect import Parameter
 
-
-def _load_without_bias(q: Quantities) -> Any:
-    return (q["load"] - q["offset"]) / q["gain"]
-
-
 LOAD_BIAS = Effect(
     id="load-bias",
     title="Gain and offset of the load cell",
@@ -29,7 +25,7 @@ LOAD_BIAS = Effect(
         parameter("gain", 0.05, "newtons shown per newton on the wheel", (0.7, 1.4), null=1.0),
         parameter("offset", 10.0, "newtons shown with the wheel in the air", (-1000.0, 1000.0), unit="N"),
     ),
-    laws={"load": _load_without_bias},
+    laws={"load": Law("(load - offset) / gain")},
     needs=("load",),
     formula="W shown = gain · W + offset",
     explanation=(
@@ -47,11 +43,6 @@ LOAD_BIAS = Effect(
     settled_by="a load step, and the reading with the wheel in the air",
 )
 
-
-def _with_offset(channel: str, q: Quantities) -> Any:
-    return q[channel] + q["offset"]
-
-
 SINKAGE_BIAS = Effect(
     id="sinkage-bias",
     title="Offset of the sinkage sensor",
@@ -59,7 +50,7 @@ SINKAGE_BIAS = Effect(
     parameters=(
         parameter("offset", 0.002, "sinkage shown by a wheel that does not sink", (-0.1, 0.1), unit="m"),
     ),
-    laws={"sinkage": partial(_with_offset, "sinkage")},
+    laws={"sinkage": Law("sinkage + offset")},
     needs=("sinkage",),
     formula="z shown = z + offset",
     explanation=(
@@ -86,7 +77,7 @@ DRAWBAR_BIAS = Effect(
     parameters=(
         parameter("offset", 10.0, "pull shown by a wheel that pulls nothing", (-1000.0, 1000.0), unit="N"),
     ),
-    laws={"drawbar_pull": partial(_with_offset, "drawbar_pull")},
+    laws={"drawbar_pull": Law("drawbar_pull + offset")},
     formula="DP shown = DP + offset",
     explanation=(
         "The pull is read from a force sensor at the hub, or from a cell between the carriage and what holds "
@@ -194,21 +185,9 @@ SENSOR_LAG = Effect(
 )
 
 
-def _wave(q: Quantities, name: str) -> Any:
-    phase = q["grouser_count"] * q["wheel_angle"]
-    return q[f"{name}_sine"] * np.sin(phase) + q[f"{name}_cosine"] * np.cos(phase)
-
-
-def _torque_ripple(q: Quantities) -> Any:
-    return q["torque"] + q["load"] * q["wheel_radius"] * _wave(q, "torque")
-
-
-def _pull_ripple(q: Quantities) -> Any:
-    return q["drawbar_pull"] + q["load"] * _wave(q, "pull")
-
-
-def _sinkage_ripple(q: Quantities) -> Any:
-    return q["sinkage"] * (1.0 + _wave(q, "sinkage"))
+def _wave(name: str) -> str:
+    phase = "(grouser_count * wheel_angle)"
+    return f"({name}_sine * sin{phase} + {name}_cosine * cos{phase})"
 
 
 def _pair(name: str, channel: str, of: str) -> Iterator[Parameter]:
@@ -226,7 +205,11 @@ GROUSER_RIPPLE = Effect(
         *_pair("pull", "drawbar_pull", "the load"),
         *_pair("sinkage", "sinkage", "the sinkage"),
     ),
-    laws={"torque": _torque_ripple, "drawbar_pull": _pull_ripple, "sinkage": _sinkage_ripple},
+    laws={
+        "torque": Law(f"torque + load * wheel_radius * {_wave('torque')}"),
+        "drawbar_pull": Law(f"drawbar_pull + load * {_wave('pull')}"),
+        "sinkage": Law(f"sinkage * (1 + {_wave('sinkage')})"),
+    },
     needs=("load", "wheel_angle", "grouser_count"),
     formula="T += W r A(ψ), DP += W A(ψ), z *= 1 + A(ψ), A = sine · sin ψ + cosine · cos ψ, ψ = Ng ∫ω dt",
     explanation=(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.effect import Effect, Quantities
 
@@ -70,12 +71,6 @@ MULTI_PASS = Effect(
     settled_by="the same track driven twice",
 )
 
-
-def _sinking(q: Quantities) -> Any:
-    """Show the sinkage that comes to its steady value as the wheel moves on."""
-    return q["sinkage"] - q["length"] * q["rut_slope"]
-
-
 SINKAGE_RELAXATION = Effect(
     id="sinkage-relaxation",
     title="A wheel has to roll on before it has sunk",
@@ -90,7 +85,7 @@ SINKAGE_RELAXATION = Effect(
             side=1,
         ),
     ),
-    laws={"sinkage": _sinking},
+    laws={"sinkage": Law("sinkage - length * rut_slope")},
     needs=("rut_slope",),
     formula="length · dz/ds = z steady − z, ds = |V| dt",
     explanation=(

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
+from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.effects.library import parameter
 from terrain_cli.mechanics.contact import rolling
 from terrain_cli.mechanics.effect import Effect, Quantities
-
-
-def _exponent(q: Quantities) -> Any:
-    slip = np.absolute(q["slip"])
-    grown = q["n1"] * slip * (1.0 - q["bend"] * (1.0 - slip))
-    return q["sinkage_exponent"] + grown + q["n2"] * 0.5 * (slip - q["slip"])
-
-
-def _sinkage(q: Quantities) -> Any:
-    return q["sinkage"] * (1.0 + q["S"] * np.absolute(q["slip"]))
-
 
 SLIP_SINKAGE = Effect(
     id="slip-sinkage",
@@ -40,7 +29,12 @@ SLIP_SINKAGE = Effect(
             shape=True,
         ),
     ),
-    laws={"sinkage_exponent": _exponent, "sinkage": _sinkage},
+    laws={
+        "sinkage_exponent": Law(
+            "sinkage_exponent + n1 * abs(slip) * (1 - bend * (1 - abs(slip))) + n2 * 0.5 * (abs(slip) - slip)"
+        ),
+        "sinkage": Law("sinkage * (1 + S * abs(slip))"),
+    },
     formula="n = n0 + n1 |i| (1 − bend (1 − |i|)) + n2 max(−i, 0); z *= 1 + S |i|",
     explanation=(
         "A slipping wheel carries soil backwards from under itself and sinks into the hole: at a slip of 0.6 "
@@ -66,17 +60,6 @@ SLIP_SINKAGE = Effect(
 )
 
 
-#: V0 in m/s: the speed at which the strength is the soil's own.
-_REFERENCE_SPEED = 0.1
-_SLOWEST = 1e-3
-
-
-def _faster(quantity: str, q: Quantities) -> Any:
-    """Change a part of the strength with speed."""
-    speed = np.maximum(np.absolute(q["velocity"]), _SLOWEST)
-    return q[quantity] * np.maximum(1.0 + q["beta"] * np.log(speed / _REFERENCE_SPEED), 0.1)
-
-
 RATE_DEPENDENCE = Effect(
     id="rate-dependence",
     title="Strength depends on speed",
@@ -84,7 +67,11 @@ RATE_DEPENDENCE = Effect(
     parameters=(
         parameter("beta", 0.05, "growth of the shear stress, as a share, per factor e of speed", (-0.5, 0.5)),
     ),
-    laws={name: partial(_faster, name) for name in ("cohesion", "tan_phi")},
+    # At 0.1 m/s the strength is the soil's own.
+    laws={
+        name: Law(f"{name} * max(1 + beta * log(max(abs(velocity), 0.001) / 0.1), 0.1)")
+        for name in ("cohesion", "tan_phi")
+    },
     needs=("velocity",),
     formula="τ = τ0 (1 + β ln(V/V0)), V0 = 0.1 m/s: c and tan φ both by that factor",
     explanation=(
@@ -122,10 +109,6 @@ def _shared_stress(q: Quantities) -> Any:
     return q["shear_stress"] * _mean_share(both) / _mean_share(alone)
 
 
-def _modulus_by_angle(q: Quantities) -> Any:
-    return q["shear_modulus"] * (1.0 + q["k_growth"] * np.absolute(q["slip_angle"]))
-
-
 SIDE_SLIP = Effect(
     id="side-slip",
     title="Sliding sideways takes strength from driving",
@@ -136,7 +119,10 @@ SIDE_SLIP = Effect(
         ),
         parameter("lateral", 2.0, "(k/ky)²: how much sooner the soil shears across than along", (0.0, 50.0)),
     ),
-    laws={"shear_modulus": _modulus_by_angle, "shear_stress": _shared_stress},
+    laws={
+        "shear_modulus": Law("shear_modulus * (1 + k_growth * abs(slip_angle))"),
+        "shear_stress": _shared_stress,
+    },
     needs=("slip_angle",),
     formula=(
         "k = k0 (1 + k_growth |β|); τ = τmax (1 − exp(−ρ)) (j/k)/ρ, ρ² = (j/k)² + lateral (jy/k)², jy = r (1 "
@@ -160,11 +146,6 @@ SIDE_SLIP = Effect(
     settled_by="the same slip and load at several slip angles, to either side",
 )
 
-
-def _modulus_by_slip(q: Quantities) -> Any:
-    return q["shear_modulus"] * (1.0 + q["k1"] * np.absolute(q["slip"]))
-
-
 SHEAR_MODULUS = Effect(
     id="shear-modulus",
     title="The shear modulus grows with slip",
@@ -174,7 +155,7 @@ SHEAR_MODULUS = Effect(
             "k1", 1.0, "growth of the shear modulus, as a share, from no slip to full slip", (-0.95, 20.0)
         ),
     ),
-    laws={"shear_modulus": _modulus_by_slip},
+    laws={"shear_modulus": Law("shear_modulus * (1 + k1 * abs(slip))")},
     formula="k = k0 (1 + k1 |i|)",
     explanation=(
         "The displacement k after which the soil's strength is nearly all there depends on the thickness of "

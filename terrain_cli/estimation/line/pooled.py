@@ -12,6 +12,8 @@ from terrain_cli.estimation.line.moments import KEYS, ROUNDING, ROWS, WindowMome
 from terrain_cli.estimation.line.uncertainty import uncertainty
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike
 
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
@@ -38,30 +40,18 @@ class Trace:
     corr: Array  # Shape (n,): correlation of the errors of c and φ
 
 
-def recursive(
-    x: ArrayLike,
-    y: ArrayLike,
-    bounds: ArrayLike,
-    *,
-    load: ArrayLike,
-    torque: ArrayLike,
-    sinkage: ArrayLike,
-    slip: ArrayLike,
-    correlated: bool = True,
-) -> Trace:
-    """Follow c, φ and their errors through each window; arrays are those of `estimate_windows`.
+def recursive(columns: Sequence[ArrayLike], bounds: ArrayLike, *, correlated: bool = True) -> Trace:
+    """Follow c, φ and their errors through each window; columns are those of `estimate_windows`.
 
     The Kalman filter of the constant state (c, tan φ) with the measurement y = c + x tan φ, started from a
     prior of no information. In its information form such a filter does nothing but add up: its states are had
     from cumulative sums of products, and the last is least squares, with the noise of the residuals so far.
     """
-    columns = np.array([x, y, load, torque, sinkage, slip], dtype=float)
-    states = np.full((5, columns.shape[1]), np.nan)
-    edges = np.asarray(bounds, dtype=np.intp)
-    for start, stop in pairwise(edges):
-        if stop == start:
-            continue
-        states[:, start:stop] = _states(running(columns[:, start:stop]), correlated=correlated)
+    rows = np.array(columns, dtype=float)
+    states = np.full((5, rows.shape[1]), np.nan)
+    for start, stop in pairwise(np.asarray(bounds, dtype=np.intp)):
+        if stop > start:
+            states[:, start:stop] = _states(running(rows[:, start:stop]), correlated=correlated)
     return Trace(*states)
 
 
@@ -128,8 +118,8 @@ def _states(moments: WindowMoments, *, correlated: bool) -> tuple[Array, ...]:
     """Return the columns of a trace."""
     line = fit_line(moments)
     gain = np.broadcast_to(np.eye(2)[:, :, None], (2, 2, len(moments.count)))
-    errors = uncertainty(moments, line, line.cohesion, line.tan_phi, gain, correlated=correlated)
-    return line.cohesion, errors.cohesion, np.arctan(line.tan_phi), errors.phi, errors.correlation
+    errors, _ = uncertainty(moments, line, line.cohesion, line.tan_phi, gain, correlated=correlated)
+    return line.cohesion, errors.c_se, np.arctan(line.tan_phi), errors.phi_se, errors.corr
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,15 +141,6 @@ class PooledEstimate:
     # windows' own errors, Pa and rad
     strength_between: float = np.nan
     phi_between: float = np.nan
-
-    def strength_at(self, stress: float) -> tuple[float, float]:
-        """Return the strength under a normal stress and its standard error, all in Pa."""
-        slope = np.tan(self.phi)
-        error = stress * self.phi_se * (1.0 + slope**2)
-        # An estimate without error has no correlation.
-        mixed = self.corr * self.c_se * error if self.c_se * error > 0.0 else 0.0
-        variance = self.c_se**2 + 2.0 * mixed + error**2
-        return float(self.c + stress * slope), float(np.sqrt(max(variance, 0.0)))
 
 
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:

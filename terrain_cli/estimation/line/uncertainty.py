@@ -16,7 +16,7 @@ Where nothing but noise varies, the bounds are those of any soil.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -198,29 +198,26 @@ def student(dof: Array) -> Array:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Uncertainty:
-    """What is known of estimates, one entry per window."""
+class Uncertainty(NamedTuple):
+    """What is known of estimates, one entry per window, as `WindowEstimates` has it."""
 
-    # phi_low, phi_high: shape (w,): bounds of φ in rad for any noise in the four sensors (see `uncertainty`)
+    c_se: Array
+    phi_se: Array
+    corr: Array
+    sigma_star: Array
+    strength: Array
+    strength_se: Array
     phi_low: Array
     phi_high: Array
-    phi_bias: Array  # Shape (w,): root mean square distance of φ to a truth between the bounds, rad
-    # Shape (w,): standard deviation of φ that the samples and the bounds leave open, wherever the estimate
-    # lies, rad
-    phi_open: Array
-    cohesion: Array  # cohesion, phi: shape (w,): standard errors in Pa and rad
-    phi: Array
-    correlation: Array  # Shape (w,): of c and φ
-    pivot: Array  # Shape (w,): stress σ* at which the strength c + σ* tan φ is not correlated with φ, Pa
-    strength: Array  # strength, strength_se: shape (w,): strength at σ* and its standard error, Pa
-    strength_se: Array
+    phi_bias: Array
 
 
 def uncertainty(
     moments: WindowMoments, line: Line, cohesion: Array, tan_phi: Array, gain: Array, *, correlated: bool
-) -> Uncertainty:
+) -> tuple[Uncertainty, Array]:
     """Errors of estimates (c in Pa, tan φ) made from least-squares lines; NaN where n < 3.
+
+    And the standard deviation of φ, rad, that samples and bounds leave open, wherever the estimate lies.
 
     A line turns about the mean point of its window. The stress there, s, is uncorrelated with the slope of
     least squares; a linear estimator maps the sampling errors of both by `gain`, shape (2, 2, w), its
@@ -246,15 +243,15 @@ def uncertainty(
         offset = np.where(var_t > 0.0, -cov / var_t, 0.0)
         # Near zero the differences may come out negative by rounding.
         var_c = np.maximum(var_s - 2.0 * mean_x * cov + mean_x**2 * var_t, 0.0)
-        return Uncertainty(
-            phi_low=low,
-            phi_high=high,
-            phi_bias=bias,
-            phi_open=np.sqrt(sampling.tan_phi / (1.0 + line.tan_phi**2) ** 2 + (high - low) ** 2 / 12.0),
-            cohesion=np.sqrt(var_c),
-            phi=np.sqrt(var_t) / (1.0 + tan_phi**2),
-            correlation=np.clip((cov - mean_x * var_t) / np.sqrt(var_c * var_t), -1.0, 1.0),
-            pivot=mean_x + offset,
-            strength=mean_y + pull + offset * np.nan_to_num(tan_phi),
-            strength_se=np.sqrt(np.maximum(var_s + np.nan_to_num(offset * cov), 0.0)),
+        found = Uncertainty(
+            np.sqrt(var_c),
+            np.sqrt(var_t) / (1.0 + tan_phi**2),
+            np.clip((cov - mean_x * var_t) / np.sqrt(var_c * var_t), -1.0, 1.0),
+            mean_x + offset,
+            mean_y + pull + offset * np.nan_to_num(tan_phi),
+            np.sqrt(np.maximum(var_s + np.nan_to_num(offset * cov), 0.0)),
+            low,
+            high,
+            bias,
         )
+        return found, np.sqrt(sampling.tan_phi / (1.0 + line.tan_phi**2) ** 2 + (high - low) ** 2 / 12.0)

@@ -123,17 +123,10 @@ class WindowEstimates:
 
 
 def estimate_windows(
-    x: ArrayLike,
-    y: ArrayLike,
+    columns: Sequence[ArrayLike] | Array,
     bounds: ArrayLike,
+    geometry: dict[str, float],
     *,
-    load: ArrayLike,
-    torque: ArrayLike,
-    sinkage: ArrayLike,
-    slip: ArrayLike,
-    radius: float,
-    width: float,
-    shear_modulus: float,
     method: LineMethod = "auto",
     min_samples: int = FIT_SAMPLES,
     correlated: bool = True,
@@ -152,22 +145,17 @@ def estimate_windows(
     ridge it is a mean square error: it has the distance to the bounds of φ and to the mean stress too, where
     the penalty's bias shows.
 
-    x and y, shape (n,), finite, are of `mechanics.linear.line_coordinates`; window j is the samples bounds[j]
-    to bounds[j + 1] − 1. Steady test points, which have no order in time, are not `correlated`, and `folds`
-    are contiguous blocks, the better judge of samples that are; by default single samples are left out.
+    The columns, shape (n,), finite, are x and y of `mechanics.linear.line_coordinates`, and the load, torque,
+    sinkage, slip and geometry that it takes; window j is the samples bounds[j] to bounds[j + 1] − 1. Steady
+    test points, which have no order in time, are not `correlated`, and `folds` are contiguous blocks, the
+    better judge of samples that are; by default single samples are left out.
     """
     if method not in get_args(LineMethod):
         raise UsageError(f"no method {method!r}", hint=f"one of {', '.join(get_args(LineMethod))}")
     if folds is not None and folds < 2:
         raise UsageError(f"cross-validation over {folds} blocks", hint="2 or more")
-    rows = [np.asarray(values, dtype=float) for values in (x, y, load, torque, sinkage, slip)]
+    rows = [np.asarray(column, dtype=float) for column in columns]
     bounds = np.asarray(bounds, dtype=np.intp)
-    if any(row.shape != (rows[0].size,) for row in rows):
-        raise ValueError("x, y and the channels must be one-dimensional and of one length")
-    whole = bounds.ndim == 1 and bounds.size and (bounds[0], bounds[-1]) == (0, rows[0].size)
-    if not whole or np.any(np.diff(bounds) < 0):
-        raise ValueError("bounds must rise from 0 to the number of samples")
-    geometry = {"radius": radius, "width": width, "shear_modulus": shear_modulus}
     parts = [
         _estimate(
             rows,
@@ -263,7 +251,7 @@ def _estimate(
     line, penalty = fit_line(moments), ridge.choose(moments, np.concatenate(losses, axis=1))
     cohesion, tan_phi, penalised = _chosen(line, penalty, method)
     gain = np.where(penalised, penalty.gain, np.eye(2)[:, :, None])
-    errors = uncertainty(moments, line, cohesion, tan_phi, gain, correlated=correlated)
+    errors, phi_open = uncertainty(moments, line, cohesion, tan_phi, gain, correlated=correlated)
 
     count = np.diff(bounds)
     torque_rmse = np.empty(len(count))
@@ -275,7 +263,7 @@ def _estimate(
             torque_rmse[first:last] = np.sqrt(segment_sum(away**2, inner) / count[first:last])
     known = np.where(count > 0, 1.0, np.nan)
     phi = np.arctan(tan_phi) * known
-    separable = (errors.phi_open <= LARGEST_PHI_OPEN) & (errors.phi <= LARGEST_PHI_SE)
+    separable = (phi_open <= LARGEST_PHI_OPEN) & (errors.phi_se <= LARGEST_PHI_SE)
     status = np.select(
         [
             count < max(min_samples, 3),
@@ -294,29 +282,21 @@ def _estimate(
         status=status,
         separable=separable,
         c=cohesion * known,
-        c_se=errors.cohesion,
         phi=phi * known,
-        phi_se=errors.phi,
-        corr=errors.correlation,
+        **errors._replace(sigma_star=errors.sigma_star * known, strength=errors.strength * known)._asdict(),
         c_ls=line.cohesion,
         phi_ls=np.arctan(line.tan_phi),
         c_ridge=penalty.cohesion * known,
         phi_ridge=np.arctan(penalty.tan_phi) * known,
         delta=penalty.delta * known,
         condition_number=line.condition_number,
-        sigma_star=errors.pivot * known,
-        strength=errors.strength * known,
-        strength_se=errors.strength_se,
         torque_rmse=torque_rmse,
-        phi_low=errors.phi_low,
-        phi_high=errors.phi_high,
-        phi_bias=errors.phi_bias,
         shear_modulus=np.full(len(count), geometry["shear_modulus"]),
         **dict.fromkeys((*_OF_THE_FULL_MODEL, *_AT_STRESS), np.full(len(count), np.nan)),
         data_c=cohesion * known,
-        data_c_se=errors.cohesion,
+        data_c_se=errors.c_se,
         data_tan_phi=tan_phi * known,
-        data_tan_phi_se=errors.phi * (1.0 + tan_phi**2),
-        data_corr=errors.correlation,
+        data_tan_phi_se=errors.phi_se * (1.0 + tan_phi**2),
+        data_corr=errors.corr,
         **dict.fromkeys(("assumed_c_se", "assumed_tan_phi_se", "assumed_corr"), np.zeros(len(count))),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -39,18 +39,10 @@ class Picture(Figure):
         return content.getvalue()
 
 
-class _Quantity(NamedTuple):
-    """What one panel shows: columns of the trace, the label of the axis, and the most it may span."""
-
-    value: str
-    error: str
-    label: str
-    widest: tuple[float, float]
-
-
+#: What each panel shows: columns of the trace, the label of the axis, and the most it may span.
 _QUANTITIES = (
-    _Quantity("c_kPa", "c_se_kPa", "cohesion c (kPa)", (-np.inf, np.inf)),
-    _Quantity("phi_deg", "phi_se_deg", "friction angle φ (°)", (-90.0, 90.0)),
+    (("c_kPa", "c_se_kPa"), "cohesion c (kPa)", (-np.inf, np.inf)),
+    (("phi_deg", "phi_se_deg"), "friction angle φ (°)", (-90.0, 90.0)),
 )
 
 
@@ -95,8 +87,8 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     place = np.asarray(trace.get("before", 0)) + _own(trace)
     # Rows now and then, of which one may stand alone.
     marker = "." if "sample" in trace else ""
-    for axes, quantity, colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
-        value, error = (np.asarray(trace[name], float) for name in (quantity.value, quantity.error))
+    for axes, (columns, label, widest), colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
+        value, error = (np.asarray(trace[name], float) for name in columns)
         x, low, high, middle = (
             # No line goes from one segment to the next.
             np.insert(column[shown], np.searchsorted(shown, starts[1:]), np.nan)
@@ -108,8 +100,8 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
         axes.plot(x, middle, color=colour, label="estimate", marker=marker, markersize=3.0)
         if len(starts) <= MOST_LIMITS:
             _limits(axes, number, place, starts, name_them=axes is upper)
-        _focus(axes, value, error, starts, quantity.widest)
-        axes.set_ylabel(quantity.label)
+        _focus(axes, value, error, starts, widest)
+        axes.set_ylabel(label)
         axes.legend(loc="lower right", ncols=2)
     lower.set_xlabel("sample")
     lower.set_xlim(1, max(place[-1] if len(place) else 0, 2))
@@ -128,22 +120,22 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
     beside = longest * (1.02 + 0.02 * np.arange(len(parts) + 1))
     figure = Picture(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for axes, quantity in zip((upper, lower), _QUANTITIES, strict=True):
+    for axes, ((value_of, error_of), label, widest) in zip((upper, lower), _QUANTITIES, strict=True):
         for j, (part, name) in enumerate(zip(parts, _names(parts), strict=True)):
-            value = part[quantity.value]
+            value = part[value_of]
             shown = shown_samples.some(len(value), MOST_SAMPLES)
             axes.plot(_own(part)[shown], value[shown], color=COLOURS[j], linestyle=LINES[j], label=name)
-        last = np.array([part[quantity.value][-1] for part in parts])
-        reach = 1.96 * np.nan_to_num([part[quantity.error][-1] for part in parts])
+        last = np.array([part[value_of][-1] for part in parts])
+        reach = 1.96 * np.nan_to_num([part[error_of][-1] for part in parts])
         for j in range(len(parts)):
             style = {"color": COLOURS[j], "marker": MARKERS[j], "markersize": 3.0, "capsize": 2.0}
             axes.errorbar(beside[j], last[j], reach[j], **style)
         # A soil that is hardly told is no reason to press the others flat.
         reach = np.minimum(reach, 3.0 * np.median(reach))
         low, high = shown_samples.limits(last - reach, last + reach, np.zeros(1), margin=0.05)
-        axes.set_ylim(max(low, quantity.widest[0]), min(high, quantity.widest[1]))
+        axes.set_ylim(max(low, widest[0]), min(high, widest[1]))
         axes.axvline(longest, color=FAINT, linewidth=0.8)
-        axes.set_ylabel(quantity.label)
+        axes.set_ylabel(label)
     above = {"transform": upper.get_xaxis_transform(), "fontsize": 7.5, "color": INK, "ha": "right"}
     upper.text(beside[-1], 1.02, "± 1.96 s.e.", **above)
     lower.set(xlabel="sample of the segment", xlim=(1, beside[-1]))

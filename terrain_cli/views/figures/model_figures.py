@@ -121,10 +121,9 @@ def _along(
     if len(known) > shown_samples.MOST_POINTS:
         low, high = np.percentile(residual[known], [0.1, 99.9])
         near = known[(residual[known] >= low) & (residual[known] <= high)]
-        grid = shown_samples.grid(driver[near], residual[near])
-        norm = LogNorm(1.0, max(float(grid.counts.max()), 2.0))
-        counts = np.ma.masked_equal(grid.counts, 0.0)
-        mesh = axes.pcolormesh(grid.x, grid.y, counts, cmap=COUNTS, norm=norm, rasterized=True)
+        edges = [np.linspace(*shown_samples.limits(column[near]), 51) for column in (driver, residual)]
+        look: dict[str, Any] = {"cmap": COUNTS, "norm": LogNorm(1.0), "cmin": 1, "rasterized": True}
+        *_, mesh = axes.hist2d(driver[near], residual[near], edges, **look)
     else:
         for index, label in enumerate(wheels or [None]):
             here = known[pooled.wheel[known] == index] if wheels else known

@@ -13,7 +13,6 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.path import Path
 from matplotlib.transforms import Bbox
 
-from terrain_cli.mechanics.stresses import stresses
 from terrain_cli.presentation.segment_table import GRID
 from terrain_cli.views import shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS, SCALE
@@ -140,9 +139,7 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
     for axes in grid.flat[len(moments) :]:
         axes.remove()
     for axes, moment in zip(grid.flat, moments, strict=False):
-        seen = stresses(moment.model, moment.wheel, moment.channels, moment.values)
-        angle = np.degrees(seen.angle[:, 0])
-        normal, shear = seen.normal[:, 0] / 1e3, seen.shear[:, 0] / 1e3
+        angle, normal, shear = moment.stresses
         peak = int(np.argmax(normal))
         axes.axvline(angle[peak], color=FAINT, linewidth=0.7, linestyle=":")
         axes.text(

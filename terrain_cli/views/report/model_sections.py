@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from terrain_cli.improvement.change_trial import Alternative
+    from terrain_cli.improvement.improvement_outcome import ChannelChange
     from terrain_cli.views.report.page_parts import Spec
     from terrain_cli.views.shown_samples import Band
     from terrain_cli.vocabulary.quantities import Quantity
@@ -184,13 +185,11 @@ def _rungs(ladder: Sequence[Rung], name: str) -> Chart:
     return Chart(
         f"Held-out error of {what.words}",
         f"Held-out rms error of {what.words} before and after {counted(len(known), 'change')}: from {told}.",
-        _ladder(ladder, name),
+        _ladder(known, what),
     )
 
 
-def _ladder(ladder: Sequence[Rung], name: str) -> Spec:
-    known = measured(ladder, name)
-    what = quantities.quantity(name, known[0][1].unit)
+def _ladder(known: Sequence[tuple[Rung, ChannelChange]], what: Quantity) -> Spec:
     steps = [str(rung.number) for rung, _ in known]
     columns: dict[str, list[Any]] = {n: [] for n in ("step", "label", "when", "value", "low", "high")}
     for step, (rung, one) in zip(steps, known, strict=True):

@@ -76,13 +76,8 @@ class Section:
         return bool(self.text or self.points or self.parts)
 
 
-def rows(**columns: Sequence[Any] | NDArray[Any]) -> list[dict[str, Any]]:
-    """Turn columns into records: five digits, null where not known."""
-    lists = [_plain(column) for column in columns.values()]
-    return [dict(zip(columns, record, strict=True)) for record in zip(*lists, strict=True)]
-
-
 def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
+    """Return a column as JSON has it: five digits, null where not known."""
     values = np.asarray(column)
     if values.dtype.kind != "f":
         return list(values.tolist())
@@ -129,7 +124,8 @@ class Sheet:
 
     def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> alt.Chart:
         name = f"data-{len(self._datasets)}"
-        self._datasets[name] = rows(**columns)
+        records = zip(*map(_plain, columns.values()), strict=True)
+        self._datasets[name] = [dict(zip(columns, record, strict=True)) for record in records]
         # Altair would look at every value if it had them.
         return alt.Chart(alt.NamedData(name=name))
 

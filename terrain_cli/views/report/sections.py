@@ -115,11 +115,10 @@ def _summary(content: _Content, asked: Asked | None) -> Section:
     concluded = comparison_text.concluded(comparison, asked)
     effects = comparison.model.get("effects") or []
     with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
-    inputs = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
-    n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    data = comparison_text.data_document(comparison)
     fitted = (
-        f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
-        f"{counted(len(comparison.wheels), 'wheel')} from {counted(len(inputs), 'input')}, "
+        f"The model {comparison.model['base']}{with_effects} was fitted to {data['samples']:,} samples of "
+        f"{counted(len(comparison.wheels), 'wheel')} from {counted(len(data['sources']), 'input')}, "
         f"in {counted(len(statuses), 'segment')}."
     )
     fine = sum(status == "ok" for status in statuses)
@@ -286,17 +285,11 @@ def _few_of_each(segment: NDArray[np.int32], kept: Index) -> Index:
 
 def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
     """Return time, or of steady points the slip, its title, and whether samples were driven in its order."""
-    if any(wheel.samples.time is None for wheel in comparison.wheels):
-        if any("slip" not in wheel.drivers for wheel in comparison.wheels):
-            return few.row.astype(float) + 1.0, "sample", False
-        along = shown_samples.driver(comparison, "slip", few)
-        return along.values, along.quantity.label, False
-    result = np.empty(len(few.row))
-    for index, wheel in enumerate(comparison.wheels):
-        here = few.wheel == index
-        if wheel.samples.time is not None:
-            result[here] = wheel.samples.time[wheel.windows.rows[few.row[here]]]
-    return result, "time t (s)", True
+    for name in ("time", "slip"):
+        if all(name in wheel.drivers for wheel in comparison.wheels):
+            along = shown_samples.driver(comparison, name, few)
+            return along.values, along.quantity.label, name == "time"
+    return few.row.astype(float) + 1.0, "sample", False
 
 
 def _failures(content: _Content) -> Section:
