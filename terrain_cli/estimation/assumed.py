@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from terrain_cli import estimation
-from terrain_cli.estimation.further_unknowns import offsets
+from terrain_cli.estimation.further_unknowns import calibrations
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE, soils
 from terrain_cli.mechanics import contact, linear
@@ -105,7 +105,7 @@ def _wider(of: WindowEstimates | Trace, moved: Array) -> tuple[Array, Array, Arr
 def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> Array:
     """Return how far c (Pa) and tan φ move with each assumption, by a standard deviation of it.
 
-    Shape (w, 2, 1 + offsets + shapes); 0 where it is not known.
+    Shape (w, 2, 1 + calibrations + shapes); 0 where it is not known.
     """
     found = np.array([estimates.c, np.tan(estimates.phi)])
     groups = list(windows.thinned(_SOME).groups(_GROUP))
@@ -128,10 +128,10 @@ def _deviations(found: Array, windows: Windows, method: LineMethod) -> Array:
 
     k, factor = geometry.shear_modulus, geometry.shear_modulus_factor
     moved = [0.5 * (line(k * factor) - line(k / factor))]
-    for name, size in offsets(samples).items():
-        if name in measured:
-            column = cast("dict[str, Array]", measured)[name]
-            moved.append(0.5 * (line(k, **{name: column + size}) - line(k, **{name: column - size})))
+    for name, kind, size in calibrations(samples, measured):
+        column = cast("dict[str, Array]", measured)[name]
+        step = size if kind == "offset" else size * column
+        moved.append(0.5 * (line(k, **{name: column + step}) - line(k, **{name: column - step})))
     scale = np.sqrt(len(_SHAPES))
     for shape in _SHAPES:
 

@@ -14,7 +14,7 @@ from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import fit_account, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
-from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_offsets
+from terrain_cli.estimation.further_unknowns import suspects, with_calibrations, with_contact
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.estimation.wheel_fit import Noise, Prior
 from terrain_cli.mechanics.wheel_model import Model
@@ -160,7 +160,7 @@ def estimate(
         return Fitted(line, joint=fit_account.of_line(line, asked))
     whole, windows = windows, windows.thinned(_MOST)
     channels = _channels(windows)
-    file = with_offsets(with_contact(file), windows.samples, channels)
+    file = with_calibrations(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
     fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)

@@ -1,4 +1,4 @@
-"""What a model may lack: the shape of the contact and offsets of sensors, which are sought, and effects."""
+"""What a model may lack: the shape of the contact, calibrations of sensors, which are sought, and effects."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
 _SHAPE = {"max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)}, "rear-contact": {"c3": (0.0, 0.2)}}
 SHAPES = tuple(_SHAPE)
-#: What the soil feels is what these show without the offset; of the others the model predicts what they show.
+#: What the soil feels is what these show without the error; of the others the model predicts what they show.
 _FELT = frozenset({"load", "slip"})
 #: What has the noise of a residual: what is predicted, and what the slip is derived from.
 _RELATED = frozenset({"torque", "drawbar_pull", "velocity", "angular_velocity"})
@@ -46,18 +46,23 @@ def with_contact(file: ModelFile) -> ModelFile:
     return replace(file, model=model, priors={**file.priors, **priors}, local=(*file.local, *expected))
 
 
-def offsets(samples: Samples) -> dict[str, float]:
-    """Return the standard deviations of the sensors' offsets that rover.toml states, SI, by channel."""
-    return {name: noise.offset for name, noise in samples.noise.items() if noise.offset > 0.0}
+def calibrations(samples: Samples, measured: Collection[str]) -> list[tuple[str, str, float]]:
+    """Return channels, "offset" or "gain", and the standard deviations that rover.toml states of them, SI."""
+    return [
+        (name, kind, size)
+        for name, noise in samples.noise.items()
+        for kind, size in (("offset", noise.offset), ("gain", noise.gain))
+        if name in measured and size > 0.0
+    ]
 
 
-def with_offsets(file: ModelFile, samples: Samples, measured: Collection[str]) -> ModelFile:
-    """Return a model in which the stated offsets of sensors are sought in every window."""
-    stated = {name: size for name, size in offsets(samples).items() if name in measured}
-    added = [_effect(name, size) for name, size in stated.items()]
+def with_calibrations(file: ModelFile, samples: Samples, measured: Collection[str]) -> ModelFile:
+    """Return a model in which the stated errors of the sensors' calibrations are sought in every window."""
+    stated = calibrations(samples, measured)
+    added = [_effect(*error) for error in stated]
     model = replace(file.model, effects=(*file.model.effects, *added))
     found = {
-        f"{effect.id}.offset": Prior(0.0, size) for effect, size in zip(added, stated.values(), strict=True)
+        f"{effect.id}.{kind}": Prior(0.0, size) for effect, (_, kind, size) in zip(added, stated, strict=True)
     }
     return replace(file, model=model, priors={**file.priors, **found}, local=(*file.local, *found))
 
@@ -84,13 +89,15 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
     return found, {name: column[windows.rows] for name, column in further.items()}
 
 
-def _effect(channel: str, size: float) -> Effect:
+def _effect(channel: str, kind: str, size: float) -> Effect:
+    plus, times = ("-", "/") if channel in _FELT else ("+", "*")
+    offset = kind == "offset"
     # Not of the catalogue: rover.toml says that it is there, and no diagnosis has to find it.
     return Effect(
-        id=f"{channel.replace('_', '-')}-offset",
-        title=f"Offset of {channel.replace('_', ' ')}",
+        id=f"{channel.replace('_', '-')}-{kind}",
+        title=f"{kind.capitalize()} of {channel.replace('_', ' ')}",
         kind="sensor",
-        parameters=(Parameter("offset", QUANTITIES[channel], 0.0, size),),
-        laws={channel: Law(f"{channel} {'-' if channel in _FELT else '+'} offset")},
+        parameters=(Parameter(kind, QUANTITIES[channel] if offset else "1", 0.0, size),),
+        laws={channel: Law(f"{channel} {plus} offset" if offset else f"{channel} {times} (1 + gain)")},
         origin="rover.toml",
     )

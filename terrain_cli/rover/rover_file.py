@@ -162,16 +162,16 @@ def _noise(channel: str) -> Rule:
     def rule(value: Any, place: str) -> SensorNoise:
         values = _NOISE(value, place)
         if not values.keys() - {"unit"}:
-            what = f"{place}: give relative, absolute or offset, or several of them"
+            what = f"{place}: give relative, absolute, offset or gain, or several of them"
             raise ConfigurationError(what, hint="such as { relative = 0.02 }")
         # Standard deviations: no zero point, as between K and °C.
         factor = _unit(values["unit"], channel, f"{place}.unit").factor if "unit" in values else 1.0
         amounts = [name for name in ("absolute", "offset") if name in values]
         if amounts and "unit" not in values and CHANNELS[channel].dimension != "ratio":
             raise ConfigurationError(f"{place}: unit of {amounts[0]} is missing", hint=unit_hint(channel))
-        relative, absolute, offset = (values.get(name, 0.0) for name in ("relative", "absolute", "offset"))
-        known = bool({"relative", "absolute"} & values.keys())
-        return SensorNoise(relative, absolute * factor, offset * factor, known=known)
+        shares = {name: values.get(name, 0.0) for name in ("relative", "gain")}
+        sizes = {name: factor * values.get(name, 0.0) for name in ("absolute", "offset")}
+        return SensorNoise(**shares, **sizes, known=bool({"relative", "absolute"} & values.keys()))
 
     return rule
 
@@ -236,7 +236,7 @@ _VEHICLE = table(
 )
 _AMOUNT = number("a number from 0 to 1e20", 0.0, 1e20)
 _SHARE = number("a share from 0 to 1", 0.0, 1.0)
-_NOISE = table({"relative": _SHARE, "absolute": _AMOUNT, "offset": _AMOUNT, "unit": text})
+_NOISE = table({"relative": _SHARE, "absolute": _AMOUNT, "offset": _AMOUNT, "gain": _SHARE, "unit": text})
 _ENTRY = table(
     {
         "topic": text,

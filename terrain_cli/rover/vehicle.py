@@ -50,7 +50,8 @@ class SensorNoise:
     relative: float = 0.0  # As a share of the value
     absolute: float = 0.0  # In the channel's SI unit
     offset: float = 0.0  # Standard deviation of a constant offset, in the same unit
-    known: bool = True  # Whether the noise is known, and not the offset alone
+    gain: float = 0.0  # Standard deviation of a constant error of the scale, as a share
+    known: bool = True  # Whether the noise is known, and not the calibration alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,6 +33,12 @@ def test_a_true_memory_is_found(decay, share):
     assert 0.6 * truth < np.median(found) < 1.5 * truth
 
 
+def test_a_drift_that_is_small_beside_white_noise_is_found():
+    rows = remembering(np.random.default_rng(6), np.exp(-3.0 / N), 0.2)
+    off = rows.mean(axis=1) / np.sqrt(rows.var(axis=1) * memory(rows, BOUNDS)[:, 0] / N)
+    assert np.mean(np.abs(off) > 3.0) < 0.03
+
+
 def test_pieces_of_one_series_have_one_memory():
     rows = remembering(np.random.default_rng(3), 0.8).reshape(1, -1)
     bounds = np.arange(SERIES + 1) * N

@@ -1,4 +1,4 @@
-"""A sensor's offset of stated size is an unknown of the full model, and an error of the line."""
+"""A sensor's offset or gain of stated size is an unknown of the full model, and an error of the line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wheel_samples import WHEEL, free
 import terrain_cli as terrain
 from terrain_cli.estimation import estimators
 
-WINDOWS, SAMPLES, OFFSET = 12, 60, 0.04
+WINDOWS, SAMPLES, OFFSET, GAIN = 12, 60, 0.04, 0.15
 
 
 @pytest.fixture(scope="module")
@@ -21,19 +21,21 @@ def truth():
 @pytest.fixture(scope="module")
 def off(truth, tmp_path_factory):
     """Return how many standard errors c and φ are off, and the errors, with some rows of [noise]."""
-    columns = truth.measured(3, 0.01)
-    columns["slip"] = columns["slip"] + OFFSET
     labels = np.repeat([f"soil {j:02d}" for j in range(WINDOWS)], SAMPLES)
     time = np.arange(WINDOWS * SAMPLES) / 10.0
-    table = pd.DataFrame(columns | {"time": time, "terrain": labels})
+    right = truth.measured(3, 0.01) | {"time": time, "terrain": labels}
+    tables = {
+        "slip": pd.DataFrame(right | {"slip": right["slip"] + OFFSET}),
+        "load": pd.DataFrame(right | {"load": right["load"] * (1.0 + GAIN)}),
+    }
     folder = tmp_path_factory.mktemp("offset")
 
-    def estimate(noise, method):
+    def estimate(noise, method, wrong="slip"):
         (folder / "rover.toml").write_text(
             f"[wheel]\nradius = {WHEEL.radius}\nwidth = {WHEEL.width}\n"
             f"[soil]\nshear_modulus = 0.02\n[noise]\n{noise}\n"
         )
-        (samples,) = terrain.from_frame(table, folder / "rover.toml")
+        (samples,) = terrain.from_frame(tables[wrong], folder / "rover.toml")
         windows = terrain.segment(samples, "terrain")
         found = terrain.estimate(windows, method)
         c = (found["c_kPa"] - truth.cohesion / 1e3) / found["c_se_kPa"]
@@ -43,19 +45,24 @@ def off(truth, tmp_path_factory):
     return estimate
 
 
-def test_the_errors_of_the_full_model_hold_with_it(off):
-    c, phi, *_ = off("", "auto")
+@pytest.mark.parametrize(
+    ("wrong", "stated"),
+    [("slip", f"slip = {{ offset = {OFFSET} }}"), ("load", f"load = {{ gain = {GAIN} }}")],
+)
+def test_the_errors_of_the_full_model_hold_with_it(off, wrong, stated):
+    c, phi, *_ = off("", "auto", wrong)
     unsaid = np.mean((np.abs(c) < 2.0) & (np.abs(phi) < 2.0))
-    c, phi, *_ = off(f"slip = {{ offset = {OFFSET} }}", "auto")
+    c, phi, *_ = off(stated, "auto", wrong)
     said = np.mean((np.abs(c) < 2.0) & (np.abs(phi) < 2.0))
     assert unsaid < 0.6
     assert said >= 0.75
 
 
+@pytest.mark.parametrize("load", ["offset = 10, unit = 'N'", "gain = 0.1"])
 @pytest.mark.parametrize("method", ["least-squares", "ridge", "recursive"])
-def test_it_widens_the_errors_of_the_line(off, method):
+def test_it_widens_the_errors_of_the_line(off, method, load):
     *_, narrow, _ = off("", method)
-    *_, wide, _ = off(f"slip = {{ offset = {OFFSET} }}\nload = {{ offset = 10, unit = 'N' }}", method)
+    *_, wide, _ = off(f"slip = {{ offset = {OFFSET} }}\nload = {{ {load} }}", method)
     assert (wide > narrow).all()
 
 

@@ -215,7 +215,7 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
         ("[noise]\ntorq = { relative = 0.1 }", "noise.torq: unknown key; did you mean torque?"),
         ("[noise]\npitch = { relative = 0.1 }", "noise.pitch: unknown key"),
         ("[noise]\ntorque = 0.1", "noise.torque: must be a table, not 0.1"),
-        ("[noise]\ntorque = {}", "noise.torque: give relative, absolute or offset"),
+        ("[noise]\ntorque = {}", "noise.torque: give relative, absolute, offset or gain"),
         ("[noise]\ntorque = { relative = 2 }", "noise.torque.relative: must be a share from 0 to 1, not 2"),
         (
             "[noise]\ntorque = { absolute = -1 }",
@@ -253,7 +253,7 @@ def test_noise_is_in_si_units(write):
         write(
             """
             [noise]
-            load = { relative = 0.01 }
+            load = { relative = 0.01, gain = 0.05 }
             torque = { relative = 0.02, absolute = 50, unit = "mN m" }
             slip = { absolute = 0.01 }
             sinkage = { offset = 2, unit = "mm" }
@@ -261,7 +261,7 @@ def test_noise_is_in_si_units(write):
         )
     ).noise
     assert noise == {
-        "load": SensorNoise(0.01, 0.0),
+        "load": SensorNoise(0.01, 0.0, gain=0.05),
         "torque": SensorNoise(0.02, 0.05),
         "slip": SensorNoise(0.0, 0.01),
         "sinkage": SensorNoise(offset=0.002, known=False),

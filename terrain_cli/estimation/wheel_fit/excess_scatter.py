@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0
 _ITERATIONS = 6
+#: Stretches of a window whose means tell a slow drift from white noise.
+_STRETCHES = 8
 #: A window of which what is left lasts longer, or is larger, than this many samples of noise is one that the
 #: model misses. Judged: noise of sensors with an autocorrelation of 0.9 lasts for 19 samples.
 MISSED = 20.0
@@ -104,15 +106,31 @@ def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together:
         share = np.divide(one, decay, out=np.zeros_like(one), where=decay > 0.0)
         lasting = samples_per_independent(decay, share, length)
         gone = np.minimum(taken * lasting, 0.5 * number)
-    return np.minimum(lasting, _of_means(rows, bounds, power, taken, together=together))
+    # Lags 1 and 2 of a drift that is small beside white noise are lost in it; it moves long stretches all the
+    # same. They count where they scatter more than white noise does, and more than these lags say.
+    length = np.diff(bounds).astype(float)
+    scatter = [
+        _of_means(rows, bounds, power, taken, size, together=together)
+        for size in (length ** (2.0 / 3.0), length / _STRETCHES)
+    ]
+    most = np.max([means * (1.0 + _PLAIN * error) for means, error in scatter], axis=0)
+    found = np.minimum(lasting, np.maximum(most, 1.0))
+    for means, error in scatter:
+        plain = (means > 1.0 + _PLAIN * error) & (means > (1.0 + error) * found)
+        found = np.where(plain, means, found)
+    return np.asarray(found)
 
 
-def _of_means(rows: Array, bounds: Bounds, power: Array, taken: Array | float, *, together: bool) -> Array:
-    """Return the most samples that an independent one may take, from the scatter of means of n^⅔ samples."""
+def _of_means(
+    rows: Array, bounds: Bounds, power: Array, taken: Array | float, size: Array, *, together: bool
+) -> tuple[Array, Array]:
+    """Return how many samples make an independent one by the scatter of means, and its standard deviation.
+
+    The means are of `size` samples, one number for each window; the deviation, of chance, is a share.
+    """
     length = np.diff(bounds)
-    size = np.maximum((length ** (2.0 / 3.0)).astype(int), 1)
     place = np.arange(bounds[-1]) - np.repeat(bounds[:-1], length)
-    starts = np.flatnonzero(place % np.repeat(size, length) == 0)
+    starts = np.flatnonzero(place % np.repeat(np.maximum(size.astype(int), 1), length) == 0)
     squares = np.add.reduceat(rows, starts, axis=1) ** 2
     blocks = np.searchsorted(starts, bounds)
     sums, number = segment_sum(squares, blocks), np.diff(blocks).astype(float)
@@ -121,4 +139,4 @@ def _of_means(rows: Array, bounds: Bounds, power: Array, taken: Array | float, *
     number = np.maximum(number, 1.0)
     ratio = np.divide(sums, power, out=np.ones_like(power), where=power > 0.0)
     ratio = ratio / np.maximum(1.0 - taken / number, 0.5)
-    return np.asarray(np.maximum(ratio * (1.0 + _PLAIN * np.sqrt(2.0 / number)), 1.0))
+    return ratio, np.sqrt(2.0 / number)
