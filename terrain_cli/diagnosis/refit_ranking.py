@@ -50,11 +50,12 @@ def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
 def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say."""
     bounded = [effect for effect in hypothesis.effects if effect.limits]
-    for part, solution in zip(data.data, one.solutions, strict=True) if bounded else ():
+    every = zip(data.wheels, data.data, one.solutions, strict=True)
+    for wheel, part, solution in every if bounded else ():
         _, covariance = smoothed_fit.covariance(part, solution)
         fitted = zip(solution.unknowns.shared, solution.common, strict=True)
         values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
-        if any(any(effect.imitations(values, covariance)) for effect in bounded):
+        if any(any(effect.imitations(values, covariance, wheel.channels)) for effect in bounded):
             return True
     return False
 

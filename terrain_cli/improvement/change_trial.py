@@ -196,10 +196,12 @@ def _estimated(
     factor = file.factor(names[0])
     determined = not any(bool(wheel.fit.undetermined[name].all()) for name in names)
     own = wheel.fit.model.parameters.get(names[0]) if len(names) == 1 else None
+    sums = [(effect, one) for effect in file.model.effects for one in effect.sums if len(names) > 1]
+    rates = {f"{effect.id}.{name}": f" × {of}" for effect, one in sums for name, of in one.rates.items()}
     return Estimated(
         source=wheel.source,
         wheel=wheel.wheel,
-        name=" + ".join(names),
+        name=" + ".join(f"{name}{rates.get(name, '')}" for name in names),
         unit=file.units[names[0]],
         value=value / factor,
         se=se / factor,
@@ -222,9 +224,11 @@ def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) 
     """Return the parameters of some effects that are where nature has none, or their sums."""
     effects = [effect for effect in file.model.effects if effect.id in changed]
     for wheel in comparison.wheels:
-        fit = wheel.fit
+        fit, channels = wheel.fit, wheel.samples.channels
         for effect in effects:
-            for names, value, error in effect.imitations(fit.shared, fit.shared_covariance, criteria.DOUBTED):
+            for names, value, error in effect.imitations(
+                fit.shared, fit.shared_covariance, channels, criteria.DOUBTED
+            ):
                 yield _estimated(wheel, file, names, value, error)
 
 

@@ -190,11 +190,24 @@ class Sum:
         Of the parameters.
     lower, upper : float
         SI.
+    rates : mapping of str to str
+        Parameters that count times the greatest size of a channel: the sum is bounded at all of its values.
     """
 
     names: tuple[str, ...]
     lower: float
     upper: float
+    rates: Mapping[str, str] = field(default_factory=dict)
+
+    def weights(self, channels: Mapping[str, Any]) -> list[float]:
+        """Return by how much each parameter counts under a wheel; NaN where its channel is not known."""
+        import numpy as np
+
+        greatest = {
+            name: float(np.nanmax(np.abs(channels[channel]))) if channel in channels else math.nan
+            for name, channel in self.rates.items()
+        }
+        return [greatest.get(name, 1.0) for name in self.names]
 
     def imitates(self, value: float, doubt: float) -> bool:
         """As `Parameter.imitates`, with how far beyond the bounds it may be and mean nothing."""
@@ -278,21 +291,27 @@ class Effect:
         return f"{self.id}.{parameter.name}"
 
     def imitations(
-        self, values: Mapping[str, float], covariance: Any, errors: float = _CERTAIN
+        self,
+        values: Mapping[str, float],
+        covariance: Any,
+        channels: Mapping[str, Any],
+        errors: float = _CERTAIN,
     ) -> Iterator[tuple[tuple[str, ...], float, float]]:
         """Yield what came out where nature has none, and so stands for another effect.
 
-        `values` are what was fitted, by qualified names, SI, with their `covariance`; beyond so many standard
-        `errors` there is no doubt. Yielded are the names of the parameters that are added up, often one, and
-        the value of their sum with its standard error.
+        `values` are what was fitted, by qualified names, SI, with their `covariance`, to a wheel with such
+        `channels`; beyond so many standard `errors` there is no doubt. Yielded are the names of the
+        parameters that are added up, often one, and the value of their sum with its standard error.
         """
         places = {name: place for place, name in enumerate(values)}
         for short, limit in self.limits:
             names = tuple(f"{self.id}.{name}" for name in short)
             if any(name not in places for name in names):
                 continue
-            own = [places[name] for name in names]
-            value = sum(values[name] for name in names)
-            error = math.sqrt(max(sum(float(covariance[i][j]) for i in own for j in own), 0.0))
+            weights = limit.weights(channels) if isinstance(limit, Sum) else [1.0]
+            own = [(places[name], weight) for name, weight in zip(names, weights, strict=True)]
+            value = sum(weight * values[name] for name, weight in zip(names, weights, strict=True))
+            variance = sum(v * w * float(covariance[i][j]) for i, v in own for j, w in own)
+            error = math.sqrt(max(variance, 0.0))
             if limit.imitates(value, errors * error):
                 yield names, value, error

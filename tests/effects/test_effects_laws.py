@@ -105,11 +105,18 @@ def test_first_pass_makes_the_whole_gain_and_later_ones_little():
     np.testing.assert_allclose(half, [1.0, 1.5, 1.75, 1.875, 1.9375])
 
 
-@pytest.mark.parametrize(("slope", "drives"), [(-1.96, True), (-0.03, False), (0.07, False)])
-def test_friction_that_falls_with_speed_drives(slope, drives):
-    found = {"drivetrain-friction.Tc": 0.99, "drivetrain-friction.Bv": slope}
-    doubted = effects.find("drivetrain-friction").imitations(found, np.diag([0.03, 0.03]) ** 2)
-    assert [names for names, *_ in doubted] == [("drivetrain-friction.Bv",)] * drives
+@pytest.mark.parametrize(
+    ("dry", "slope", "drives"),
+    [(0.99, -1.96, True), (0.99, -0.6, False), (0.99, 0.07, False), (-0.3, 0.2, True)],
+)
+def test_friction_may_fall_with_speed_but_never_drives(dry, slope, drives):
+    """As it does where the parts hardly move (Stribeck); at 1.5 rad/s it still brakes, or drives."""
+    found = {"drivetrain-friction.Tc": dry, "drivetrain-friction.Bv": slope}
+    speeds = {"angular_velocity": np.array([0.2, -1.5, np.nan])}
+    doubted = list(effects.find("drivetrain-friction").imitations(found, np.diag([0.03, 0.03]) ** 2, speeds))
+    assert bool(doubted) == drives
+    both = ("drivetrain-friction.Tc", "drivetrain-friction.Bv")
+    assert all(names == both or dry < 0.0 for names, *_ in doubted)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
