@@ -93,7 +93,9 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
         return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
     if diagnosis.verdict == "none":
-        return _too_few(diagnosis) or "No effect that these data can show predicts held-out data better."
+        return (
+            _too_few(diagnosis) or "No effect that these data can show explains them better, beyond chance."
+        )
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"

@@ -57,6 +57,11 @@ def fitted(
     return replace(
         found,
         soils=soils or EstimateRequest(wheels=wheels, file=file),
+        refused=models.refused(
+            file,
+            [one.samples.source for one in wheels],
+            sum(len(one.windows.rows) for one in found.wheels),
+        ),
         scores=cache(partial(alarm.score, several, block, file, seed)),
     )
 

@@ -122,6 +122,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         **{key: known(getattr(finding, key)) for key in ("share", "amplitude", "seen")},
         "unit": finding.unit,
         "at": None if finding.at is None else known(finding.at),
+        "until": finding.until,
         "sentence": finding.sentence,
         "alternatives": list(finding.alternatives),
         "worst_segments": [dict(zip(_PLACE, place, strict=True)) for place in finding.worst_segments],
