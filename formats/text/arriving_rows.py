@@ -169,7 +169,9 @@ class ArrivingRows(Source):
         kind = self._kinds[name]
         if kind == "text":
             return self._names.setdefault(name, Names(unguarded)).labels(pa.array(cells, pa.string()))
-        if kind == "number" and self._decimal == ".":
+        # Python takes 1_000 and digits of any script for numbers.
+        plain = "".join(cells)
+        if kind == "number" and self._decimal == "." and plain.isascii() and "_" not in plain:
             try:
                 values = np.array(list(map(float, cells)))
             except ValueError:
