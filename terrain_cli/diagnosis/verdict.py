@@ -109,6 +109,9 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
 def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     """Say what remains of several effects, or of one that is not sure."""
     others = list(diagnosis.family[1:])
+    most = max((one.explained for one in diagnosis.candidates if one.in_family), default=math.nan)
+    if diagnosis.comparison.stretch is not None and most <= criteria.STEPS_SHARE:
+        return f"No effect explains most of it: {listed(diagnosis.family, 'or')} at most {most:.0%}."
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     if diagnosis.together:
