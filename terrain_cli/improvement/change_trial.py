@@ -227,14 +227,11 @@ def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
     """Return the parameters of some effects that are where nature has none, or their sums."""
-    effects = [effect for effect in file.model.effects if effect.id in changed]
-    for wheel in comparison.wheels:
-        fit, channels = wheel.fit, wheel.samples.channels
-        for effect in effects:
-            for names, value, error in effect.imitations(
-                fit.shared, fit.shared_covariance, channels, criteria.DOUBTED
-            ):
-                yield _estimated(wheel, file, names, value, error)
+    fits = [(one.fit.shared, one.fit.shared_covariance, one.samples.channels) for one in comparison.wheels]
+    for effect in file.model.effects:
+        found = effect.imitations(fits, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
+        for place, names, value, error in found if effect.id in changed else ():
+            yield _estimated(comparison.wheels[place], file, names, value, error)
 
 
 def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:
