@@ -101,7 +101,7 @@ def change(context: click.Context, action: Action) -> None:
     asked = comparison_options.repeated(context, given["file"])
     if step.kept:
         _write(given["file"], changed.file, model_history.entry(step, change_text.reason(step)))
-    elif step.testable and change_text.concluded(step, asked).state != "fits":
+    elif step.testable and not step.pays and change_text.concluded(step, asked).state != "fits":
         # No verb has to propose it again for these data.
         _write(given["file"], before, model_history.refusal(step, change_text.reason(step)))
     _tell(context, change_text.text(step, asked), change_text.document(step, asked))

@@ -112,9 +112,8 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     doubted = {one.effect for one in found.candidates if one.doubt}
     family = tuple(name for name in found.family if name not in doubted) or found.family
     first = next((one for one in found.candidates if one.effect in family[:1]), None)
-    shares = [
-        (min(one.explained, _share(found, one)), one.effect) for one in found.candidates if not one.doubt
-    ]
+    credible = [one for one in found.candidates if not one.doubt]
+    shares = [(min(one.explained, _share(found, one)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
     return Evidence(
         ratios=_ratios(found.comparison),
@@ -134,10 +133,8 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         unrecorded=found.unrecorded,
         small=found.alarm.size if found.alarm.small else "",
         drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
-        # A pair may have several.
-        checks=tuple(
-            dict.fromkeys(o for one in found.next_drive if one.check for o in one.check.split(" or "))
-        ),
+        # Of a pair it may be several.
+        checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
     )
 
