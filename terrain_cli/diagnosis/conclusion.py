@@ -327,13 +327,13 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         )
     if found.together:
         return f"{listed(found.together)} together explain it best", _add(found.together, asked)
-    part = "most of it" if found.leaves else "it"
-    part = f"{found.share:.0%} of it" if found.share < 1.0 - criteria.DRAFT_LEFT else part
+    # In words: the table has shares of another loss, by which the effects are ranked.
+    part = "most of it" if found.leaves or found.share < 1.0 - criteria.DRAFT_LEFT else "it"
+    part = "a part of it" if found.share < criteria.STEPS_SHARE else part
     if found.verdict == "effect":
         return f"{found.family[0]} explains {part}", _add(found.family[:1], asked)
     if len(found.family) > 1:
-        most = "up to " if found.share < 1.0 - criteria.DRAFT_LEFT else ""
-        cause = f"one of {listed(found.family)} explains {most}{part}; these data cannot tell which"
+        cause = f"one of {listed(found.family)} explains {part}; these data cannot tell which"
         return cause, _add(["--until-quiet"], asked)
     if found.family:
         cause = f"{found.family[0]} explains {part}, but this is not certain"

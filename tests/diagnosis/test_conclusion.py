@@ -256,9 +256,16 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, verdict="effect", family=("slope",), share=0.53),
             "explained",
-            MISSES + "slope explains 53% of it.",
+            MISSES + "slope explains most of it.",
             NEW + "slope" + DATA,
             id="one name for a part",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="effect", family=("slope",), share=0.31),
+            "explained",
+            MISSES + "slope explains a part of it.",
+            NEW + "slope" + DATA,
+            id="a part",
         ),
         pytest.param(
             evidence(UNKNOWN, points=True),
