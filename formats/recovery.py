@@ -20,6 +20,13 @@ def told(remarks: Iterable[str]) -> list[str]:
     return [remark for remark in remarks if remark.startswith(_BEGINNINGS)]
 
 
+def set_aside(number: int, what: str) -> str:
+    """Say how many of what is counted, in the plural, contradict themselves."""
+    if number == 1:
+        return f"1 {what.removesuffix('s')} set aside, which contradicts itself"
+    return f"{number:,} {what} set aside, which contradict themselves"
+
+
 @dataclass(kw_only=True)
 class Recovery:
     """What was found in a file that was read with salvage."""
@@ -97,7 +104,7 @@ class Recovery:
             lines.append(f"damaged: and {more} more places")
         lines.append(f"salvaged: {self.read:,} {self.what}{self._share()}")
         if self.aside:
-            lines.append(f"salvaged: {self.aside:,} {self.what} set aside, which contradict themselves")
+            lines.append(f"salvaged: {set_aside(self.aside, self.what)}")
         if self.lost:
             lines.append(f"lost: {self._time_lost()}")
         if not self.checked:

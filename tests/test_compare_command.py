@@ -217,6 +217,16 @@ def test_what_is_said_of_an_input_is_said_once(folder, terrain_est_here, tmp_pat
     assert done.stdout.count("each row is taken for a steady test point") == 1
 
 
+def test_what_is_said_of_an_input_is_said_where_another_one_fails(folder, terrain_est_here, tmp_path):
+    points = pd.read_csv(folder / "clean.csv", nrows=30).drop(columns="time")
+    points.to_csv(tmp_path / "points.csv", index=False)
+    points.drop(columns="load").to_csv(tmp_path / "wrong.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    done = terrain_est_here("compare", tmp_path / "points.csv", tmp_path / "wrong.csv")
+    assert (done.returncode, done.stdout) == (65, "")
+    assert done.stderr.count("points.csv: no column is known as a time: each row is taken for a steady") == 1
+
+
 def test_where_each_channel_comes_from(folder, terrain_est_here):
     loud = terrain_est_here("compare", folder / "clean.csv", "--verbose", "--json")
     plain = terrain_est_here("compare", folder / "clean.csv", "--json")

@@ -54,6 +54,17 @@ def test_filled_in_it_gives_the_estimates_of_a_file_by_hand(name, draft, terrain
     assert by_hand.stdout.count("\n") > 5
 
 
+def test_a_column_that_may_be_the_drawbar_pull_is_shown(draft, tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text("time,load,torque,sinkage_mm,slip,Fx_tractive_N\n0,80,2,5,0.1,7\n1,81,2.1,5,0.1,7.2\n")
+    line = 'drawbar_pull = { column = "Fx_tractive_N", unit = "N" }'
+    text = draft(path)[0]
+    assert f"# keep one of these lines if it is the drawbar pull:\n# {line}\n" in text
+    assert tomllib.loads(text.replace(f"# {line}", line))["channels"]["drawbar_pull"]["unit"] == "N"
+    path.write_text("time,load,torque,sinkage_mm,slip,drawbar_pull\n0,80,2,5,0.1,7\n")
+    assert "# drawbar_pull" not in draft(path)[0]
+
+
 def test_as_it_is_the_geometry_is_missed(draft, terrain_est_here, tmp_path):
     (tmp_path / "rover.toml").write_text(draft(SAMPLE / "run.csv")[0], "utf-8")
     done = terrain_est_here("estimate", SAMPLE / "run.csv", "--rover", tmp_path / "rover.toml")

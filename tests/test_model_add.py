@@ -170,6 +170,22 @@ class TestWrongEffect:
         assert models.load("model.toml").effects == ()
 
 
+def test_what_did_not_pay_is_not_proposed_again(here, model, terrain_est_here):
+    """By any verb, for the same data and the same model."""
+    told = model("add", "model.toml", "drivetrain-friction", "--data", "sinks.csv", *CUT).splitlines()
+    assert "drivetrain-friction is not added" in told[0]
+    file = models.load("model.toml")
+    assert (file.effects, file.history[0]["kept"]) == ((), False)
+    said = terrain_est_here("compare", "sinks.csv", "--model", "model.toml", *CUT).stdout.splitlines()[-1]
+    assert said == told[-1]
+    assert "drivetrain-friction was tried and does not pay. Next: terrain-est model add" in said
+    other = terrain_est_here("compare", "clean.csv", "--model", "model.toml", *CUT).stdout
+    assert "was tried" not in other
+    listed = model("history", "model.toml")
+    assert "after 0 changes on record" in listed
+    assert "\nnot drivetrain-friction: 480 samples of sinks.csv; " in listed
+
+
 def test_an_effect_of_ones_own_lies_beside_the_model(here, model):
     (here / "models").mkdir()
     shutil.move("model.toml", "models/model.toml")
@@ -374,8 +390,8 @@ class TestMeasuredWheel:
     @pytest.mark.parametrize("effect", ["bulldozing", "drawbar-bias"])
     @pytest.mark.parametrize("slips", [" and slip >= 0", ""], ids=["driving", "all"])
     def test_a_wrong_effect_does_not(self, bench, model, effect, slips):
-        before = Path("model.toml").read_bytes()
+        before = models.load("model.toml").effects
         some = [word.replace(" and slip >= 0", slips) for word in bench]
         found = change(model, "add", "model.toml", effect, *some)
         assert (found["pays"], found["kept"]) == (False, False)
-        assert Path("model.toml").read_bytes() == before
+        assert models.load("model.toml").effects == before

@@ -9,7 +9,7 @@ from sqlite3 import DatabaseError
 from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
-from formats.recovery import Recovery
+from formats.recovery import Recovery, set_aside
 from formats.rosbag.bag_files import check, damaged, first_part, next_part
 from formats.rosbag.bag_source import BagSource, Reading
 from formats.rosbag.containers import Container, of_records
@@ -211,6 +211,6 @@ class ArrivingBag(BagSource):
         aside, rest = self._arrivals.recovered.aside, self._arrivals.rest + self._arrivals.reader.rest
         return [
             *self._arrivals.damage,
-            *[f"{aside:,} messages set aside, which contradict themselves"] * bool(aside),
+            *[set_aside(aside, self.counted)] * bool(aside),
             *[f"the last {rest:,} bytes are no whole record, and left out"] * bool(rest),
         ]

@@ -87,7 +87,8 @@ def read(
 ) -> list[Windows]:
     """Read every input with all that the models need, cut it, and mark what --keep-aside hides.
 
-    What every command says of an input is told on stderr, unless it is `noted` in what is written.
+    What every command says of an input is told on stderr, unless it is `noted` in what is written. Where
+    nothing is written, as something fails, it is told all the same: it may be why.
     """
     import formats
     from terrain_cli import processes
@@ -141,8 +142,8 @@ def _cut(
     for sentence in source.recovery.sentences() if source.recovery else ():
         progress.tell(f"{path}: {sentence}")
     notices = (r for samples in wheels for r in samples.remarks if isinstance(r, Notice))
-    for remark in () if noted else dict.fromkeys(notices):
-        progress.tell(f"{path}: {remark}")
+    for remark in dict.fromkeys(notices):
+        progress.tell(f"{path}: {remark}", later=noted)
     for samples in wheels:
         used = f"{len(samples.usable)} of {len(samples)} samples used"
         told = [f"set aside: {count} · {reason}" for reason, count in samples.reasons().items()]

@@ -154,13 +154,14 @@ def _text(document: dict[str, Any]) -> list[str]:
         names = (name if name in document["needs"] else f"{name} (if there)" for name in document["uses"])
         lines.append(f"channels that the effects use: {', '.join(names)}")
     if document["history"]:
-        from terrain_cli.improvement.model_history import rungs
+        from terrain_cli.improvement.model_history import refusals, rungs
 
         lines.append("history:")
         lines += [
             f"  {rung.number}. " + ": ".join(filter(None, [rung.label, rung.because]))
             for rung in rungs(document["history"])
         ]
+        lines += [f"  {one}" for one in refusals(document["history"])]
     return lines
 
 
@@ -201,6 +202,8 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
         if rungs:
             head, rows = change_text.ladder(rungs)
             say("\n".join(["", *aligned([head, *rows]), "", *change_text.remarks(rungs)]))
+        if refusals := model_history.refusals(model.history):
+            say("\n".join(["", "tried, and not added:", *refusals]))
     given = {"plot": plot, "quiet": quiet}
     comparison_options.draw(rungs, given, "no step was tried on data: no picture")
 

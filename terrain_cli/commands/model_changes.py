@@ -98,9 +98,12 @@ def change(context: click.Context, action: Action) -> None:
         step = replace(step, confirmation=_tried(context, action, before, changed, given["confirm"]))
     asked_for = action == "remove" or given["keep"]
     step = replace(step, kept=(step.pays and step.confirmed) or asked_for)
+    asked = comparison_options.repeated(context, given["file"])
     if step.kept:
         _write(given["file"], changed.file, model_history.entry(step, change_text.reason(step)))
-    asked = comparison_options.repeated(context, given["file"])
+    elif step.testable and not step.pays and change_text.concluded(step, asked).state != "fits":
+        # No verb has to propose it again for these data.
+        _write(given["file"], before, model_history.refusal(step, change_text.reason(step)))
     _tell(context, change_text.text(step, asked), change_text.document(step, asked))
 
 
@@ -184,10 +187,11 @@ def add(context: click.Context, /, **_: Any) -> None:
     proved the effect: the stretches that may have named it, stretches that were kept aside
     (--keep-aside), or another drive (--confirm).
 
-    FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
+    The effect is not added, unless --keep is given, if the held-out error falls significantly in no
     channel, rises in one by more than it falls in others, or falls only with a parameter that is
     physically impossible (friction that drives the wheel). The reason is printed; the exit code is 0.
-    Without --data the effect is added untested, which the history says too.
+    If the model still misses something, FILE notes the try, so that no command proposes the same for
+    these data again. Without --data the effect is added untested, which the history says too.
     """
     given = context.params
     if given["confirm"]:
@@ -234,7 +238,7 @@ def _check_confirm(given: Mapping[str, Any]) -> None:
 def _until_quiet(context: click.Context) -> None:
     """Run the loop on the data of the command line, tell each step, and write the model file at its end."""
     from terrain_cli.improvement import Stopped, model_history
-    from terrain_cli.presentation import change_text
+    from terrain_cli.presentation import change_text, comparison_text
 
     given = context.params
     drafts = _Drafts(given["draft"], given["file"]) if given["draft"] else None
@@ -252,17 +256,26 @@ def _until_quiet(context: click.Context) -> None:
         if drafts:
             drafts.tidy(end.file.effects if end else ())
     assert end is not None  # noqa: S101 - the last that the loop yields
-    kept = [step for step in steps if step.kept]
-    if kept:
-        entries = [
-            model_history.entry(step, f"--until-quiet; {change_text.found(step)}{doubt}")
-            for step in kept
-            for doubt in [f"; {change_text.doubt(step)}" if step.rivals else ""]
+    entries = [
+        model_history.entry(step, f"--until-quiet; {change_text.found(step)}{doubt}")
+        for step in steps
+        if step.kept
+        for doubt in [f"; {change_text.doubt(step)}" if step.rivals else ""]
+    ]
+    asked = comparison_options.repeated(context, given["file"])
+    ended = comparison_text.conclusion_of(end.evidence, end.comparison, asked).state == "unexplained"
+    if ended:
+        # What no verb has to propose again for these data.
+        entries += [
+            model_history.refusal(step, f"--until-quiet; {change_text.found(step)}")
+            for step in steps
+            if step.action == "add" and not step.kept and step.before.effects == end.file.effects
         ]
+        entries.append(model_history.end(end.file, end.comparison, f"--until-quiet; {end.because}"))
+    if entries:
         _write(given["file"], end.file, *entries)
     if steps and not given["as_json"]:
         say()
-    asked = comparison_options.repeated(context, given["file"])
     _tell(context, change_text.loop_text(steps, end, asked), change_text.loop(steps, end, asked))
 
 

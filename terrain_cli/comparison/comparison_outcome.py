@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation import WindowEstimates, estimators
+from terrain_cli.models import Refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,7 +91,7 @@ class Finding:
 
     channel: str
     driver: str  # Empty for an offset that follows none
-    shape: str  # "constant", "linear", "quadratic", "saturating", "step", "periodic", "label"
+    shape: str  # "constant", "linear", "quadratic", "saturating", "step", "stretch", "periodic", "label"
     p_value: float  # How often chance gives something as strong in any channel, driver and shape
     # Part of the misfit that this accounts for: of the squared residuals beyond noise, of all channels
     # together, each in terms of its noise. What is wrong in one channel moves the soil that is fitted, and is
@@ -100,11 +101,14 @@ class Finding:
     # range; above a step; half the swing of a periodic shape
     amplitude: float
     unit: str  # Of `amplitude`: SI
-    at: float | None  # Threshold of a step, scale of a saturating curve, or period, in the driver's SI unit
+    # Threshold of a step, beginning of a stretch, scale of a saturating curve, or period, in the driver's SI
+    # unit
+    at: float | None
     sentence: str  # The same for a person
     # Source, wheel and segment (counted from 1) where it is largest, the worst first
     worst_segments: tuple[tuple[str, str, int], ...]
     alternatives: tuple[str, ...] = ()  # Drivers that vary so much alike that it may be theirs
+    until: float | None = None  # End of a stretch, which begins at `at`
     seen: float = 1.0  # Part of `amplitude` that the fitted parameters do not take up
 
 
@@ -155,6 +159,20 @@ class Comparison:
     soils: EstimateRequest | None = None  # What `estimate` says of the segments (`segment_soils`)
     # The scores of effects, which are computed where they are asked for
     scores: Callable[[], EffectScores] | None = None
+    refused: Refused = field(
+        default_factory=Refused
+    )  # What was tried to be added to the model on the same data, and did not pay
+
+    @property
+    def stretch(self) -> tuple[float, float] | None:
+        """Beginning and end, in s, of the stretch that the strongest finding is about, if it is."""
+        first = next(iter(self.failures), None)
+        return None if first is None or first.until is None else (first.at or 0.0, first.until)
+
+    @property
+    def points(self) -> bool:
+        """Whether the data are steady test points, not drives."""
+        return bool(self.wheels) and all(wheel.samples.time is None for wheel in self.wheels)
 
     @property
     def blocks(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -130,6 +131,12 @@ class Residuals:
 
     def _shapes(self) -> list[Shape]:
         found = [shapes.constant()]
+        if self.found is None and self._one_clock():
+            segments = np.concatenate(
+                [w.segment[rows] for w, rows in zip(self.wheels, self.rows, strict=True)]
+            )
+            time = np.concatenate([one.drivers["time"] for one in self.evidence])
+            found += shapes.of_stretches("time", time, segments)
         known = None if self.found is None else {driver for _, driver in self.found}
         for name in dict.fromkeys(name for one in self.evidence for name in one.drivers):
             several = [one.drivers[name] for one in self.evidence if name in one.drivers]
@@ -144,6 +151,20 @@ class Residuals:
             else:
                 found += shapes.of_number(name, values)
         return found
+
+    def _one_clock(self) -> bool:
+        """Tell whether a time is the same moment for all wheels."""
+        sources = {wheel.windows.samples.source for wheel in self.wheels}
+        return len(sources) == 1 and all("time" in one.drivers for one in self.evidence)
+
+    def _on_clock(self, shape: Shape) -> Shape:
+        """Return a shape with the times of the input, as `estimate` and `--where` have them."""
+        origin = self.wheels[0].windows.samples.origin if self._one_clock() else 0.0
+        if shape.driver != "time" or not origin:
+            return shape
+        at = shape.at + origin if shape.name in ("step", "stretch") and shape.at is not None else shape.at
+        low, high, until = (value + origin for value in (shape.low, shape.high, shape.until))
+        return replace(shape, at=at, low=low, high=high, until=until)
 
     def _differs(self, name: str) -> bool:
         """Tell whether a driver varies more between segments than within them."""
@@ -176,8 +197,10 @@ class Residuals:
         """Join blocks whose scores are related; `chain` and the result as for `blocks.merged`."""
         search = self.search()
         search.refit([])
+        # Of a stretch neighbouring blocks are alike by what it is.
+        drives = [term.shape.name != "stretch" for term in search.terms]
         return blocks.merged(
-            search.scores()[:, search.common :],
+            search.scores()[:, search.common :][:, drives],
             chain,
             fewest=2 * criteria.FEWEST_BLOCKS,
             independent=criteria.UNRELATED_BLOCKS,
@@ -205,14 +228,19 @@ class Residuals:
         )
         amplitude *= shape.span
         alternatives = one.alternatives
-        if shape.name not in ("constant", "periodic", "label"):
-            numbers = ({n: v for n, v in e.drivers.items() if n not in self.labels} for e in self.evidence)
+        if shape.name not in ("constant", "periodic", "label", "stretch"):
+            # How far a wheel has turned rises with time, and says nothing more.
+            numbers = (
+                {n: v for n, v in e.drivers.items() if n not in self.labels and n != ANGLE}
+                for e in self.evidence
+            )
             functions = functions_under_all(shape.driver, numbers)
             alternatives = tuple(dict.fromkeys([*alternatives, *(n for n in functions if n != channel)]))
         label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
         missing = list(self._missing(one))
         seen = self._seen(one, missing)
-        at = shape.at if shape.name in ("step", "saturating", "periodic") else None
+        shape = self._on_clock(shape)
+        at = shape.at if shape.name in ("step", "stretch", "saturating", "periodic") else None
         unit = next((w.drivers[shape.driver].unit for w in self.wheels if shape.driver in w.drivers), "")
         return Finding(
             channel=channel,
@@ -223,6 +251,7 @@ class Residuals:
             amplitude=amplitude,
             unit=UNITS[channel],
             at=at,
+            until=shape.until if shape.name == "stretch" else None,
             sentence=sentence_of(channel, shape, amplitude, label, alternatives, unit, seen),
             worst_segments=self._worst(missing),
             alternatives=alternatives,
@@ -295,18 +324,14 @@ def sentence_of(
     text = f"a {name} {size} {more} than predicted" if hidden else f"{name} is {verb} by {size}"
     driver = named(shape.driver)
     low, high, at = (_at(value, shape.driver, unit) for value in (shape.low, shape.high, shape.at or 0.0))
-    if shape.name == "constant":
-        text += " throughout"
-    elif shape.name == "periodic":
+    where = _where(shape, driver, label, (low, high, at, _at(shape.until, shape.driver, unit)))
+    if shape.name == "periodic":
         swings = f"a {name} that swings by ± {size}" if hidden else f"{name} swings by ± {size}"
-        times = 2.0 * math.pi / (shape.at or 1.0)
-        text = f"{swings} about its prediction, {times:.0f} times in a turn of the wheel"
-    elif shape.name == "label":
-        text += f" where {driver} is {label}, against the others"
-    elif shape.name == "step":
-        text += f" above {driver} {at}"
-    elif shape.name == "quadratic":
-        text += f" at both ends of {driver}, {low} and {high}, against the middle"
+        times = round(2.0 * math.pi / (shape.at or 1.0))
+        often = "once" if times == 1 else f"{times} times"
+        text = f"{swings} about its prediction, {often} in a turn of the wheel"
+    elif where:
+        text += where
     elif hidden:
         text += f" at {driver} {high}, against {low}"
     else:
@@ -318,6 +343,20 @@ def sentence_of(
     if alternatives:
         text += f" (or with {listed([named(other) for other in alternatives], 'or')}, which varied alike)"
     return text
+
+
+def _where(shape: Shape, driver: str, label: str, numbers: tuple[str, str, str, str]) -> str:
+    """Say where a residual differs; nothing of a shape that it follows."""
+    low, high, at, until = numbers
+    after = f" after {at}" if shape.driver == "time" else f" above {driver} {at}"
+    told = {
+        "constant": " throughout",
+        "label": f" where {driver} is {label}, against the others",
+        "step": after,
+        "stretch": f" from {at} to {until}",
+        "quadratic": f" at both ends of {driver}, {low} and {high}, against the middle",
+    }
+    return told.get(shape.name, "")
 
 
 def missed(channel: str, error: float) -> str:

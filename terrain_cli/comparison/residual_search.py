@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-_PLAIN = ("constant", "linear", "label", "step", "saturating", "quadratic", "periodic")
+_PLAIN = ("constant", "linear", "label", "step", "stretch", "saturating", "quadratic", "periodic")
 #: Drivers that are named before others that varied alike, or of which nothing is known but the name of a
 #: column, where these explain hardly more: what every drive is described by.
 _USUAL = ("slip", "load")

@@ -11,11 +11,13 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.vocabulary.arrays import Array
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 
 #: Quantiles of a driver at which a step or a bend is tried.
 _THRESHOLDS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
+#: The longest stretch that is tried, in tenths of the samples: what is longer is a step or two.
+_LONGEST_STRETCH = 4
 #: Parts of a driver's range within which a saturating curve levels off.
 _SCALES = (0.1, 0.25)
 #: A driver of so few values is taken as steps between them.
@@ -29,9 +31,11 @@ class Shape:
     """One function of one driver, of a size of about 1."""
 
     driver: str
-    # "constant", "linear", "quadratic", "saturating", "step", "periodic" or "label"
+    # "constant", "linear", "quadratic", "saturating", "step", "stretch", "periodic" or "label"
     name: str
-    at: float | None = None  # Threshold of a step, scale of a saturating curve, period, code of a label
+    # Threshold of a step, beginning of a stretch, scale of a saturating curve, period, code of a label
+    at: float | None = None
+    until: float = np.inf  # End of a stretch
     low: float = 0.0  # 2nd percentile of the driver, or the least of a few values
     high: float = 1.0  # 98th percentile of the driver, or the greatest of a few values
     # Difference that a coefficient of 1 makes over this range; of a periodic shape its amplitude
@@ -50,6 +54,8 @@ class Shape:
             result = np.where(values == self.at, 1.0, 0.0)
         elif self.name == "step":
             result = np.where(values > (self.at or 0.0), 1.0, 0.0)
+        elif self.name == "stretch":
+            result = np.where((values >= (self.at or 0.0)) & (values <= self.until), 1.0, 0.0)
         elif self.name == "saturating":
             result = 1.0 - np.exp(-(inside - self.low) / (self.at or 1.0))
         else:
@@ -90,6 +96,27 @@ def of_number(driver: str, values: Array) -> list[Shape]:
             for part in _SCALES
         ),
         *(shape(name="step", at=float(at)) for at in np.unique(np.quantile(known, _THRESHOLDS))),
+    ]
+
+
+def of_stretches(driver: str, values: Array, segments: Index) -> list[Shape]:
+    """List stretches between the first and the last value in which a residual may differ from the others.
+
+    They are those between any two of the steps of `of_number` that are not far apart, and the segments.
+    """
+    known = np.isfinite(values)
+    first, last = np.quantile(values[known], _THRESHOLDS[[0, -1]]) if known.any() else (0.0, 0.0)
+    edges = np.quantile(values[known], _THRESHOLDS) if last > first else np.zeros(0)
+    pairs = [(low, high) for j, low in enumerate(edges) for high in edges[j + 1 : j + 1 + _LONGEST_STRETCH]]
+    for segment in np.unique(segments[known]) if last > first else ():
+        inside = values[known & (segments == segment)]
+        pairs.append((inside.min(), inside.max()))
+    whole = values[known].min(initial=np.inf), values[known].max(initial=-np.inf)
+    shape = partial(Shape, driver=driver, name="stretch")
+    return [
+        shape(at=float(low), until=float(high))
+        for low, high in dict.fromkeys(pairs)
+        if whole[0] < low < high < whole[1]
     ]
 
 

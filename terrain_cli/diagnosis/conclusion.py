@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
-
-import numpy as np
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, UnknownEffect, Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, UnknownEffect, Verdict
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
 #: Channels to be recorded that a sentence names.
@@ -36,9 +34,11 @@ class Evidence:
     blocks: int  # Independent stretches of data
     raised: bool  # What is left is not random: by findings, by the scores of effects, or by a diagnosis
     tracked: bool = False  # By findings: it follows what was recorded
+    # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
+    stretch: tuple[float, float] | None = None
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
-    share: float = math.nan  # Of the misfit, that the best of them explains
+    share: float = math.nan  # Of the misfit, that any of them explains at the most
     leaves: bool = False  # The best of them leaves much of an error, beyond the noise
     closest: str = (
         ""  # Where the alarm is silent: an effect that explains most of the misfit, by chance or not
@@ -47,11 +47,17 @@ class Evidence:
     law: str = ""  # What follows which driver, where no effect explains what is left
     draft: str = ""  # File of that law, if it was written
     refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
+    ended: bool = False  # --until-quiet found nothing more to add
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
     drive: str = ""  # What would tell the best of the family from another, as a command to a person
     checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
     points: bool = False  # The data are steady test points, not drives
+
+    @property
+    def misses(self) -> bool:
+        """Whether an error is larger than noise."""
+        return bool(_above(self.ratios))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,14 +90,12 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         blocks=comparison.blocks,
         raised=tracked or (scores is not None and scores.raised),
         tracked=tracked,
-        refused=refused,
+        stretch=comparison.stretch,
+        refused=tuple(dict.fromkeys((*comparison.refused.names, *refused))),
+        ended=comparison.refused.ended,
         unrecorded=scores.unrecorded if scores else (),
-        points=_points(comparison),
+        points=comparison.points,
     )
-
-
-def _points(comparison: Comparison) -> bool:
-    return bool(comparison.wheels) and all(wheel.samples.time is None for wheel in comparison.wheels)
 
 
 def _large(comparison: Comparison, finding: Finding) -> bool:
@@ -104,30 +108,34 @@ def _large(comparison: Comparison, finding: Finding) -> bool:
 def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:
     """Collect what a diagnosis tells."""
     law = found.unknown if found.verdict == "unknown" else None
-    most = max(found.candidates, key=lambda one: np.nan_to_num(one.explained), default=None)
-    likely = most is not None and most.explained > criteria.STEPS_SHARE and not most.doubt
     # What is doubted explains nothing, unless all that is left is doubted.
     doubted = {one.effect for one in found.candidates if one.doubt}
     family = tuple(name for name in found.family if name not in doubted) or found.family
     first = next((one for one in found.candidates if one.effect in family[:1]), None)
+    credible = [one for one in found.candidates if not one.doubt]
+    shares = [(min(one.explained, _share(found, one)), one.effect) for one in credible]
+    likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
     return Evidence(
         ratios=_ratios(found.comparison),
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
+        stretch=found.comparison.stretch,
         verdict=found.verdict,
         family=family,
-        share=first.explained if first else math.nan,
-        leaves=first is not None and _leaves(found.comparison, first.heldout),
-        closest=most.effect if most is not None and likely else "",
+        share=max((_share(found, one) for one in found.candidates if one.effect in family), default=math.nan),
+        leaves=first is not None and _leaves(found, first.heldout),
+        closest=max(likely)[1] if likely else "",
         together=found.together,
         law=_law(law) if law else "",
         draft=draft if law else "",
-        refused=refused,
+        refused=tuple(dict.fromkeys((*found.comparison.refused.names, *refused))),
+        ended=found.comparison.refused.ended,
         unrecorded=found.unrecorded,
         small=found.alarm.size if found.alarm.small else "",
         drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
-        checks=tuple(dict.fromkeys(one.check for one in found.next_drive if one.check)),
-        points=_points(found.comparison),
+        # Of a pair it may be several.
+        checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
+        points=found.comparison.points,
     )
 
 
@@ -146,9 +154,21 @@ def _ratios(comparison: Comparison, errors: Mapping[str, float] | None = None) -
     }
 
 
-def _leaves(comparison: Comparison, errors: Mapping[str, float]) -> bool:
+def _share(found: Diagnosis, one: Candidate) -> float:
+    """Return the part of the held-out errors beyond the noise that an effect takes off.
+
+    Of the misfit by which effects are ranked, where no error is more than noise, or the noise is not known.
+    """
+    ratios = (_ratios(found.comparison, errors) for errors in (found.heldout, one.heldout))
+    before, after = (sum(max(ratio**2 - 1.0, 0.0) for ratio in each.values()) for each in ratios)
+    large = one.heldout and _above(_ratios(found.comparison, found.heldout))
+    return max(1.0 - after / before, 0.0) if large else one.explained
+
+
+def _leaves(found: Diagnosis, errors: Mapping[str, float]) -> bool:
     """Tell whether errors of another model are more than noise, by much of what those of this one are."""
-    before, after = _ratios(comparison), _above(_ratios(comparison, errors))
+    before = _ratios(found.comparison, found.heldout)
+    after = _above(_ratios(found.comparison, errors))
     return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
 
 
@@ -162,13 +182,14 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     above = _above(known)
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     if found.raised and not few and not _refused(found):
-        cause, command = _next(found, asked)
+        one_stretch = _in_a_stretch(found, asked)
+        cause, command = one_stretch or _next(found, asked)
         if found.verdict is None and known and not above:
             # A first check alone is no proof where the errors are those of noise.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
         size = _size(above) if above else _not_random(known)
-        alike = found.verdict == "family" and not found.together
+        alike = found.verdict == "family" and not found.together and not one_stretch
         drive = found.drive if alike else ""
         first = _first(drive, found.checks if alike else ())
         told = f"The model misses something: {size}, and {cause}.{first} Next: {command}"
@@ -210,8 +231,12 @@ def _first(drive: str, checks: tuple[str, ...]) -> str:
 def _refused(found: Evidence) -> bool:
     """Tell whether everything that was named, if a diagnosis named any, was tried and did not pay."""
     named = found.together or found.family
-    tried = bool(named) or found.verdict in {None, "unknown"}
-    return bool(found.refused) and tried and {*named} <= {*found.refused}
+    if found.verdict is None:
+        return bool(found.refused) or found.ended
+    if found.verdict == "unknown":
+        # A law was drafted anew.
+        return bool({*found.refused} - {*NAMES, *ASSUMPTIONS})
+    return bool(named) and {*named} <= {*found.refused}
 
 
 def _unexplained(
@@ -226,10 +251,11 @@ def _unexplained(
             f"random, but {_did_not_pay(found)}."
         )
         return Conclusion("unexplained", told, record=found.unrecorded)
-    if found.verdict is None and found.refused:
-        why = _did_not_pay(found)
+    if found.verdict is None and (found.refused or found.ended):
+        why = _did_not_pay(found) if found.refused else "--until-quiet found nothing more to add"
         # A diagnosis would propose the same again; where it drafted a law, no effect explains it.
-        command = _add(["--until-quiet"], asked) if {*found.refused} & {*NAMES, *ASSUMPTIONS} else ""
+        named = {*found.refused} & {*NAMES, *ASSUMPTIONS}
+        command = _add(["--until-quiet"], asked) if named and not found.ended else ""
     elif found.verdict is None:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
         why, command = "a first check of the effects finds no cause", looked("diagnose", asked)
@@ -301,18 +327,37 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         )
     if found.together:
         return f"{listed(found.together)} together explain it best", _add(found.together, asked)
-    part = "most of it" if found.leaves else "it"
-    part = f"{found.share:.0%} of it" if found.share < 1.0 - criteria.DRAFT_LEFT else part
+    # In words: the table has shares of another loss, by which the effects are ranked.
+    part = "most of it" if found.leaves or found.share < 1.0 - criteria.DRAFT_LEFT else "it"
+    part = "a part of it" if found.share < criteria.STEPS_SHARE else part
     if found.verdict == "effect":
         return f"{found.family[0]} explains {part}", _add(found.family[:1], asked)
     if len(found.family) > 1:
         cause = f"one of {listed(found.family)} explains {part}; these data cannot tell which"
         return cause, _add(["--until-quiet"], asked)
     if found.family:
-        cause = f"{found.family[0]} explains {part} best, but this is not certain"
+        cause = f"{found.family[0]} explains {part}, but this is not certain"
         return cause, _add(found.family, asked)
     checked = "a first check of the effects finds a possible cause"
     return "it follows what was recorded" if found.tracked else checked, looked("diagnose", asked)
+
+
+def _where(asked: Asked, condition: str) -> Asked:
+    """Ask the same of the samples that also satisfy a condition."""
+    before = dict(zip(asked.options, asked.options[1:], strict=False)).get("--where")
+    if before is None:
+        return replace(asked, options=(*asked.options, "--where", condition))
+    both = f"({before}) and ({condition})"
+    return replace(asked, options=tuple(both if word == before else word for word in asked.options))
+
+
+def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
+    """Say when the model misses, and return the command that leaves that out, if no effect explains most."""
+    if found.stretch is None or found.share > criteria.STEPS_SHARE:
+        return None
+    low, high = (f"{time:.12g}" for time in found.stretch)
+    cause = f"most of all from {low} s to {high} s: see what happened then, and if the model fits without it"
+    return cause, looked("compare", _where(asked, f"time < {low} or time > {high}"))
 
 
 def _did_not_pay(found: Evidence) -> str:

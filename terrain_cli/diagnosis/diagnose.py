@@ -92,6 +92,7 @@ def diagnose(
             warnings=list(log.comparison.warnings),
             together=decision.together,
             unrecorded=screening.unrecorded(case.effects, log.data.wheels),
+            heldout=steps.as_it_is(ranked.log),
         ),
     )
 
@@ -112,6 +113,7 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
         not_testable=list(log.not_testable),
         warnings=warnings,
         unrecorded=screening.unrecorded(case.effects, log.data.wheels),
+        heldout=steps.as_it_is(log) if several else {},
     )
     return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures))
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import models
 from terrain_cli.comparison import blocks, comparison_criteria
 from terrain_cli.comparison.compare import of_fitted, on_few_soils, scale_of
 from terrain_cli.comparison.findings import Residuals
@@ -86,7 +87,15 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
         hypotheses, alike = screening.on_changing_soil(hypotheses)
         not_testable = [*not_testable, *alike]
     notes_of_soils += _impossible(chosen.wheels)
-    comparison = replace(comparison, warnings=[*comparison.warnings, *notes_of_soils])
+    comparison = replace(
+        comparison,
+        warnings=[*comparison.warnings, *notes_of_soils],
+        refused=models.refused(
+            case.file,
+            [one.samples.source for one in wheels],
+            sum(len(one.windows.rows) for one in comparison.wheels),
+        ),
+    )
     return DiagnosedLog(
         data=chosen, block=own, comparison=comparison, hypotheses=hypotheses, not_testable=list(not_testable)
     )

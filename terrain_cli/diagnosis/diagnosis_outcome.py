@@ -170,3 +170,6 @@ class Diagnosis:
     # Two effects that, both added, predict better than any alone, and than any draft; else none
     together: tuple[str, ...] = ()
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
+    # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
+    # they are others than those of `comparison`
+    heldout: Mapping[str, float] = field(default_factory=dict)

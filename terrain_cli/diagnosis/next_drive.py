@@ -389,5 +389,5 @@ def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> NextDrive:
         said += [effect.settled_by] if effect.settled_by and not checks else []
     check, what = (" or ".join(dict.fromkeys(each)) for each in (sensors, said))
     ending = f": {check}" if check else (f"; what may: {what}" if what else "")
-    told = f"no drive tells them apart for sure (the best in {best:.0%} of all cases){ending}"
+    told = f"no drive tells them apart for sure (the best would in {best:.0%} of all cases){ending}"
     return NextDrive((one.id, other.id), told, best, check=check)

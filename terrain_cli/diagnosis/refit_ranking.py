@@ -50,13 +50,14 @@ def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
 def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say."""
     bounded = [effect for effect in hypothesis.effects if effect.limits]
-    for part, solution in zip(data.data, one.solutions, strict=True) if bounded else ():
+    wheels = []
+    every = zip(data.wheels, data.data, one.solutions, strict=True)
+    for wheel, part, solution in every if bounded else ():
         _, covariance = smoothed_fit.covariance(part, solution)
         fitted = zip(solution.unknowns.shared, solution.common, strict=True)
         values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
-        if any(any(effect.imitations(values, covariance)) for effect in bounded):
-            return True
-    return False
+        wheels.append((values, covariance, wheel.channels))
+    return any(any(effect.imitations(wheels, least=criteria.DRAFT_LEFT)) for effect in bounded)
 
 
 def left_open(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:

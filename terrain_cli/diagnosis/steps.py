@@ -336,14 +336,22 @@ def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -
 
     Fitted `anew` as they do, or, in less time, with the parameters of the refit.
     """
+    if anew:
+        return _errors(log, [refits.fitted_anew(wheel, one) for wheel in log.data.wheels])
+    return _errors(log, _solved(log, one, refit))
+
+
+def as_it_is(log: DiagnosedLog) -> dict[str, float]:
+    """Return the held-out errors of the model as it is, where the soils are others than the comparison's."""
+    own = zip(log.comparison.wheels, log.data.wheels, strict=True)
+    return _errors(log, log.data.wheels) if any(one.fit is not other.fit for one, other in own) else {}
+
+
+def _errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[str, float]:
     levels = {
         name: errors.noise if errors.noise > 0.0 else errors.rmse
         for name, errors in log.comparison.channels.items()
     }
-    if anew:
-        wheels = [refits.fitted_anew(wheel, one) for wheel in log.data.wheels]
-    else:
-        wheels = _solved(log, one, refit)
     return refits.held_out_errors(wheels, log.block, levels)
 
 

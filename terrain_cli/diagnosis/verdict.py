@@ -93,7 +93,9 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
         return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
     if diagnosis.verdict == "none":
-        return _too_few(diagnosis) or "No effect that these data can show predicts held-out data better."
+        return (
+            _too_few(diagnosis) or "No effect that these data can show explains them better, beyond chance."
+        )
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
@@ -107,6 +109,9 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
 def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     """Say what remains of several effects, or of one that is not sure."""
     others = list(diagnosis.family[1:])
+    most = max((one.explained for one in diagnosis.candidates if one.in_family), default=math.nan)
+    if diagnosis.comparison.stretch is not None and most <= criteria.STEPS_SHARE:
+        return f"No effect explains most of it: {listed(diagnosis.family, 'or')} at most {most:.0%}."
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     if diagnosis.together:

@@ -57,6 +57,11 @@ def fitted(
     return replace(
         found,
         soils=soils or EstimateRequest(wheels=wheels, file=file),
+        refused=models.refused(
+            file,
+            [one.samples.source for one in wheels],
+            sum(len(one.windows.rows) for one in found.wheels),
+        ),
         scores=cache(partial(alarm.score, several, block, file, seed)),
     )
 
@@ -196,10 +201,12 @@ def _estimated(
     factor = file.factor(names[0])
     determined = not any(bool(wheel.fit.undetermined[name].all()) for name in names)
     own = wheel.fit.model.parameters.get(names[0]) if len(names) == 1 else None
+    sums = [(effect, one) for effect in file.model.effects for one in effect.sums if len(names) > 1]
+    rates = {f"{effect.id}.{name}": f" × {of}" for effect, one in sums for name, of in one.rates.items()}
     return Estimated(
         source=wheel.source,
         wheel=wheel.wheel,
-        name=" + ".join(names),
+        name=" + ".join(f"{name}{rates.get(name, '')}" for name in names),
         unit=file.units[names[0]],
         value=value / factor,
         se=se / factor,
@@ -220,12 +227,11 @@ def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
     """Return the parameters of some effects that are where nature has none, or their sums."""
-    effects = [effect for effect in file.model.effects if effect.id in changed]
-    for wheel in comparison.wheels:
-        fit = wheel.fit
-        for effect in effects:
-            for names, value, error in effect.imitations(fit.shared, fit.shared_covariance, criteria.DOUBTED):
-                yield _estimated(wheel, file, names, value, error)
+    fits = [(one.fit.shared, one.fit.shared_covariance, one.samples.channels) for one in comparison.wheels]
+    for effect in file.model.effects:
+        found = effect.imitations(fits, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
+        for place, names, value, error in found if effect.id in changed else ():
+            yield _estimated(comparison.wheels[place], file, names, value, error)
 
 
 def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:

@@ -121,8 +121,27 @@ def _candidates(
     found: Diagnosis, draft: Callable[[UnknownEffect], str] | None
 ) -> tuple[list[tuple[str, ...]], str]:
     """Return what is to be tried, alone or together, the best first; or nothing, and why."""
+    choices, because = _proposed(found, draft)
+    before = found.comparison.refused
+    left = [names for names in choices if names not in before.effects]
+    if choices and not left:
+        because = (
+            f"nothing more pays on held-out data: {listed(list(before.names))} did not when tried before"
+        )
+    return left, because
+
+
+def _proposed(
+    found: Diagnosis, draft: Callable[[UnknownEffect], str] | None
+) -> tuple[list[tuple[str, ...]], str]:
+    """Return what a diagnosis proposes; or nothing, and why."""
     if not found.alarm.raised:
-        return [], "the alarm is silent: nothing that is left stands out"
+        evidence = conclusion.of_diagnosis(found)
+        likely: list[tuple[str, ...]] = []
+        if evidence.closest and evidence.misses:
+            # Held-out data can judge what may be chance.
+            likely = [(evidence.closest,)]
+        return likely, "the alarm is silent: nothing that is left stands out"
     both = [found.together] if found.together else []
     if found.together[:1] == (models.STRESSES,):
         # The others of the family are behind the stresses, and some need them.

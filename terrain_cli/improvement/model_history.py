@@ -15,6 +15,7 @@ from terrain_cli.vocabulary.quantities import listed
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
     from terrain_cli.models import ModelFile
 
@@ -37,8 +38,18 @@ class Rung:
 
 
 def rungs(history: Sequence[Mapping[str, Any]]) -> list[Rung]:
-    """Read the history of a model file; what another hand wrote there is shown as far as it is known."""
-    return [_rung(number, entry) for number, entry in enumerate(history, 1)]
+    """Read the changes of a model file from its history, what another hand wrote as far as it is known."""
+    made = [entry for entry in history if entry.get("kept") is not False]
+    return [_rung(number, entry) for number, entry in enumerate(made, 1)]
+
+
+def refusals(history: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each try in the history of a model file that did not pay."""
+    return [
+        f"not {listed([*map(str, entry['changed'])])}: {_data(entry.get('data'))}; {entry.get('because', '')}"
+        for entry in history
+        if entry.get("kept") is False and entry.get("changed")
+    ]
 
 
 def channels(ladder: Sequence[Rung]) -> list[str]:
@@ -122,6 +133,20 @@ def entry(step: Step, because: str) -> dict[str, Any]:
         "next_drive": drive(step.next_drive),
         "confirmation": confirmation(step),
     }
+
+
+def refusal(step: Step, because: str) -> dict[str, Any]:
+    """Return the entry of an effect that did not pay, so that it is not proposed for the same data again."""
+    kept = {"tested": True, "kept": False, "proof": step.proof, "data": data(step)}
+    return _head(step.action, step.changed, step.before, because) | kept
+
+
+def end(file: ModelFile, comparison: Comparison, because: str) -> dict[str, Any]:
+    """Return the entry of a loop that found nothing more to add."""
+    samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    sources = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
+    kept = {"kept": False, "ended": True, "data": {"sources": sources, "samples": samples}}
+    return _head("add", (), file, because) | kept
 
 
 def same_stretches(step: Step) -> str:

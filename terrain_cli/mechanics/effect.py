@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 
 #: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
@@ -178,11 +178,24 @@ class Sum:
         Of the parameters.
     lower, upper : float
         SI.
+    rates : mapping of str to str
+        Parameters that count times the greatest size of a channel: the sum is bounded at all of its values.
     """
 
     names: tuple[str, ...]
     lower: float
     upper: float
+    rates: Mapping[str, str] = field(default_factory=dict)
+
+    def weights(self, channels: Mapping[str, Any]) -> list[float]:
+        """Return by how much each parameter counts under a wheel; NaN where its channel is not known."""
+        import numpy as np
+
+        greatest = {
+            name: float(np.nanmax(np.abs(channels[channel]))) if channel in channels else math.nan
+            for name, channel in self.rates.items()
+        }
+        return [greatest.get(name, 1.0) for name in self.names]
 
     def imitates(self, value: float, doubt: float) -> bool:
         """As `Parameter.imitates`, with how far beyond the bounds it may be and mean nothing."""
@@ -265,22 +278,42 @@ class Effect:
         """Return the name of a parameter among those of all effects: ``slip-sinkage.n1``."""
         return f"{self.id}.{parameter.name}"
 
-    def imitations(
-        self, values: Mapping[str, float], covariance: Any, errors: float = _CERTAIN
-    ) -> Iterator[tuple[tuple[str, ...], float, float]]:
-        """Yield what came out where nature has none, and so stands for another effect.
+    def limited(
+        self, values: Mapping[str, float], covariance: Any, channels: Mapping[str, Any]
+    ) -> Iterator[tuple[tuple[str, ...], Parameter | Sum, float, float]]:
+        """Yield what nature bounds: parameters that are added up, the bound, and the sum with its error.
 
-        `values` are what was fitted, by qualified names, SI, with their `covariance`; beyond so many standard
-        `errors` there is no doubt. Yielded are the names of the parameters that are added up, often one, and
-        the value of their sum with its standard error.
+        `values` are what was fitted, by qualified names, SI, with their `covariance`, to a wheel with such
+        `channels`.
         """
         places = {name: place for place, name in enumerate(values)}
         for short, limit in self.limits:
             names = tuple(f"{self.id}.{name}" for name in short)
             if any(name not in places for name in names):
                 continue
-            own = [places[name] for name in names]
-            value = sum(values[name] for name in names)
-            error = math.sqrt(max(sum(float(covariance[i][j]) for i in own for j in own), 0.0))
-            if limit.imitates(value, errors * error):
-                yield names, value, error
+            weights = limit.weights(channels) if isinstance(limit, Sum) else [1.0]
+            own = [(places[name], weight) for name, weight in zip(names, weights, strict=True)]
+            value = sum(weight * values[name] for name, weight in zip(names, weights, strict=True))
+            variance = sum(v * w * float(covariance[i][j]) for i, v in own for j, w in own)
+            yield names, limit, value, math.sqrt(max(variance, 0.0))
+
+    def imitations(
+        self,
+        wheels: Iterable[tuple[Mapping[str, float], Any, Mapping[str, Any]]],
+        errors: float = _CERTAIN,
+        least: float = 0.0,
+    ) -> Iterator[tuple[int, tuple[str, ...], float, float]]:
+        """Yield what came out where nature has none, and so stands for another effect.
+
+        Of several wheels, each as for `limited`; beyond so many standard `errors` there is no doubt. Of a
+        wheel without the effect, noise that lasts may leave little of it on the wrong side: less than the
+        share `least` of what another wheel has means nothing. Yielded are the place of the wheel, the names
+        of the parameters that are added up, and their sum with its standard error.
+        """
+        found = [(place, *one) for place, wheel in enumerate(wheels) for one in self.limited(*wheel)]
+        sizes: dict[tuple[str, ...], float] = {}
+        for _, names, _, value, _ in found:
+            sizes[names] = max(abs(value), sizes.get(names, 0.0))
+        for place, names, limit, value, error in found:
+            if limit.imitates(value, errors * error) and abs(value) >= least * sizes[names]:
+                yield place, names, value, error

@@ -6,11 +6,13 @@ from terrain_cli.models.model_change import MODULUS as MODULUS
 from terrain_cli.models.model_change import STRESSES as STRESSES
 from terrain_cli.models.model_change import Assumption as Assumption
 from terrain_cli.models.model_change import Changed as Changed
+from terrain_cli.models.model_change import Refused as Refused
 from terrain_cli.models.model_change import added as added
 from terrain_cli.models.model_change import folder_of as folder_of
 from terrain_cli.models.model_change import moved as moved
 from terrain_cli.models.model_change import named_from as named_from
 from terrain_cli.models.model_change import recorded as recorded
+from terrain_cli.models.model_change import refused as refused
 from terrain_cli.models.model_change import removed as removed
 from terrain_cli.models.model_file import ModelFile as ModelFile
 from terrain_cli.models.model_file import build as build

@@ -14,7 +14,7 @@ from terrain_cli.models.model_file import ModelFile, find_effect, is_path
 from terrain_cli.vocabulary.choices import K_FACTOR
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
     from typing import Any
 
 T = TypeVar("T")
@@ -196,6 +196,35 @@ def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Chan
 
 def recorded(file: ModelFile, entry: Mapping[str, Any]) -> ModelFile:
     return replace(file, history=(*file.history, entry))
+
+
+class Refused(NamedTuple):
+    """What was tried to be added to a model on some data, and was refused."""
+
+    effects: tuple[tuple[str, ...], ...] = ()  # Those of each try
+    ended: bool = False  # Whether --until-quiet found nothing more on them
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for one in self.effects for name in one))
+
+
+def refused(file: ModelFile, sources: Collection[str], samples: int) -> Refused:
+    """Return what the history says was refused of the model as it is now, on so many samples of inputs."""
+    now = file.model.base, list(file.effects), _inputs(sources), samples
+    same = [entry for entry in file.history if entry.get("kept") is False and _tried_on(entry) == now]
+    several = (tuple(map(str, entry.get("changed", ()))) for entry in same)
+    return Refused(tuple(dict.fromkeys(filter(None, several))), any(entry.get("ended") for entry in same))
+
+
+def _tried_on(entry: Mapping[str, Any]) -> tuple[Any, ...]:
+    data = entry["data"] if isinstance(entry.get("data"), dict) else {}
+    return entry.get("base"), entry.get("effects"), _inputs(data.get("sources", ())), data.get("samples")
+
+
+def _inputs(sources: Collection[str]) -> set[str]:
+    """Return the inputs that were joined."""
+    return {one for several in sources for one in several.split(", ")}
 
 
 def _place(file: ModelFile, name: str) -> int:

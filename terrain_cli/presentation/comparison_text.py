@@ -110,7 +110,7 @@ def _errors(errors: ChannelErrors) -> dict[str, Any]:
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
         **entries(finding, "channel", "driver", "shape", "p_value", "share", "amplitude", "seen"),
-        **entries(finding, "unit", "at", "sentence", "alternatives"),
+        **entries(finding, "unit", "at", "until", "sentence", "alternatives"),
         "worst_segments": [dict(zip(_PLACE, place, strict=True)) for place in finding.worst_segments],
     }
 

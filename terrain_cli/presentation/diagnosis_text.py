@@ -186,6 +186,10 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
         ]
         for one in shown
     ]
-    table = [head, ["  " + base[0], *base[1:]], *rows]
+    table = [head, ["  " + base[0], *base[1:]]]
+    if diagnosis.heldout:
+        errors = [short(diagnosis.heldout.get(name, math.nan)) for name in channels]
+        table.append(["  (the same, soils as below)", "", "", *errors, ""])
+    table += rows
     legend = "* = cannot be told from the best; survives: share of it that no soil imitates"
     return [f"held-out error with each ({legend}):", *aligned(table)]

@@ -96,7 +96,7 @@ def _tables(found: Holdings) -> dict[str, list[str]]:
             # Of a channel of all wheels each has a range of its own: the first will do.
             if not any(other.startswith(line.partition("  #")[0]) for other in lines):
                 lines.append(line)
-        for header, lines in _asked(found, raw):
+        for header, lines in [*_asked(found, raw), *_pulls(found, raw)]:
             known = tables.setdefault(header, [])
             known += [line for line in lines if line not in known]
     if is_table(layout.source) and layout.extras:
@@ -119,6 +119,14 @@ def _asked(found: Holdings, raw: Raw) -> Iterator[tuple[str, list[str]]]:
             heading = []
         if lack.what in CHANNELS and not lack.ask:
             yield _SHARED, [*heading, *map(_comment, lack.lines[1:])]
+
+
+def _pulls(found: Holdings, raw: Raw) -> Iterator[tuple[str, list[str]]]:
+    """Yield the comments that show what may be the drawbar pull, which nothing asks for."""
+    lines = rover_advice.pulls(found.layout, raw.feeds).values()
+    if lines:
+        told = ["# keep one of these lines if it is the drawbar pull:", *map(_comment, lines)]
+        yield rover_advice.header(found.layout, raw.wheel, "drawbar_pull"), told
 
 
 def _comment(line: str) -> str:

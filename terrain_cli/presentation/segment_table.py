@@ -133,9 +133,9 @@ def _terrain(windows: Windows) -> list[str]:
     return result
 
 
-def several_terrains(windows: Windows, table: Table) -> set[str]:
+def several_terrains(samples: Samples, table: Table) -> set[str]:
     """Return what the table calls windows of more than one label."""
-    labels = windows.samples.labels.get("terrain")
+    labels = samples.labels.get("terrain")
     return set() if labels is None else {*table["terrain"]} - {"", *labels.names}
 
 

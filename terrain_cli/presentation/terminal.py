@@ -143,6 +143,7 @@ class Progress:
         self._done, self._share = 0, 0.0
         self._text = ""
         self._line = StatusLine()
+        self._later: list[str] = []
         self._started = time.monotonic()
         self._stop = threading.Event()
         shown = enabled and sys.stderr.isatty()
@@ -154,11 +155,14 @@ class Progress:
             self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self._stop.set()
         if self._thread:
             self._thread.join()
         self._line.wipe()
+        if error is not None and issubclass(error, Exception):
+            for text in self._later:
+                self.tell(text)
 
     def say(self, path: str, step: str, share: float = 0.0) -> None:
         """Set what is being done, and which share of this input is done."""
@@ -167,9 +171,11 @@ class Progress:
     def advance(self) -> None:
         self._done, self._share = self._done + 1, 0.0
 
-    def tell(self, text: str) -> None:
-        """Write a result that is there before the work ends."""
-        if self._enabled:
+    def tell(self, text: str, *, later: bool = False) -> None:
+        """Write a result that is there before the work ends, or `later` only if it ends with an error."""
+        if later:
+            self._later.append(text)
+        elif self._enabled:
             # In one call, or the bar could be drawn between wiping it and the text.
             self._line.wipe(escaped(text) + "\n")
 

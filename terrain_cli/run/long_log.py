@@ -175,7 +175,7 @@ class LongWheel:
         if len(cut):
             self._stress = float(fitted.estimates.stress[0])
         table = segment_table.table(cut, fitted.estimates)
-        self._mixed |= segment_table.several_terrains(cut, table)
+        self._mixed |= segment_table.several_terrains(cut.samples, table)
         behind = np.add.reduceat(cut.samples.drivers[BEHIND], cut.bounds[:-1]).astype(np.intp)
         behind[0] += self._before
         self._before = 0

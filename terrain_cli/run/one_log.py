@@ -96,7 +96,7 @@ def run(
         stress = estimators.common_stress(stress, fitted)
         outcome.account["wheels"][-1]["model"] = fitted.account
         tables.append(segment_table.table(cut, fitted.estimates))
-        mixed = segment_table.several_terrains(cut, tables[-1])
+        mixed = segment_table.several_terrains(samples, tables[-1])
         remarks = [*samples.remarks, *segment_table.told_of_terrains(samples.wheel, mixed)]
         outcome.account["wheels"][-1]["remarks"] = remarks
         outcome.estimates.append(fitted.estimates)

@@ -14,6 +14,7 @@ from formats.content import BAGS, HEAD_BYTES, content
 from formats.text.arriving_rows import ArrivingRows
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.estimation import estimators
+from terrain_cli.presentation import segment_table
 from terrain_cli.run.one_log import nothing_usable
 from terrain_cli.stream import followed_wheel
 from terrain_cli.stream.arriving_samples import MessageSamples, RowSamples
@@ -229,4 +230,5 @@ class Follow:
         text = f"{self._rows.counted}: {self._rows.count}, late: {late}, repeated: {repeated}"
         text += f"; segments: {closed}"
         more = f"a soil that went on was cut every {followed_wheel.LONGEST:,} samples ({cut} times)"
-        return [text, *self._rows.faults(), *([more] if cut else [])]
+        mixed = [told for n, w in self._wheels.items() for told in segment_table.told_of_terrains(n, w.mixed)]
+        return [text, *self._rows.faults(), *([more] if cut else []), *mixed]

@@ -122,6 +122,7 @@ class FollowedWheel:
         #: The last closed segments: the row of each, and some of its samples.
         self._held: deque[tuple[segment_table.Table, Samples]] = deque(maxlen=_HELD if again else _EARLIER)
         self._begin()
+        self.mixed: set[str] = set()  # What closed segments of more than one terrain are called
         self.closed = self.cut = 0  # Closed segments, and those of them that were cut as they became too long
 
     def _begin(self) -> None:
@@ -252,6 +253,7 @@ class FollowedWheel:
         samples = self._with_effects(self._segment.split(count))
         self._past += count
         row, fitted = self._fitted(samples)
+        self.mixed |= segment_table.several_terrains(samples, row)
         self._stress.value = estimators.common_stress(self._stress.value, fitted)
         if self._file is not None:
             self._held.append((row, samples.taken(slice(None, None, -(-count // _OF_EACH)))))

@@ -194,18 +194,25 @@ def proposals(plan: Plan, wheel: str, channel: str) -> list[str]:
     return [f'{channel} = {{ column = "…", unit = "{symbol}" }}{_one_of(fitting)}']
 
 
-def pull(plan: Plan, wheel: str, channels: Collection[str]) -> list[str]:
-    """Say which columns of forces may be the drawbar pull, if none is read: `estimate` works without it."""
-    found = {
-        name: unit for name in plan.extras if _PULL.search(name) and (unit := stated_unit(name, "force"))
+def pulls(plan: Plan, channels: Collection[str]) -> dict[str, str]:
+    """Return the columns of forces that may be the drawbar pull, if none is read, with their lines."""
+    if "drawbar_pull" in channels:
+        return {}
+    units = {name: stated_unit(name, "force") for name in plan.extras if _PULL.search(name)}
+    value = toml_files.value
+    return {
+        name: f"drawbar_pull = {{ column = {value(name)}, unit = {value(unit.symbol)} }}"
+        for name, unit in units.items()
+        if unit
     }
-    if "drawbar_pull" in channels or not found:
-        return []
-    column, symbol = next(
-        (toml_files.value(name), toml_files.value(unit.symbol)) for name, unit in found.items()
-    )
-    line = f"{header(plan, wheel, 'drawbar_pull')} drawbar_pull = {{ column = {column}, unit = {symbol} }}"
-    return [f"no drawbar pull is read; if {_some(list(found))} is one, write into rover.toml: {line}"]
+
+
+def pull(plan: Plan, wheel: str, channels: Collection[str]) -> list[str]:
+    """Say which columns of forces may be the drawbar pull: `estimate` works without it."""
+    found = pulls(plan, channels)
+    table = header(plan, wheel, "drawbar_pull")
+    lines = (f"write into rover.toml: {table} {line}" for line in found.values())
+    return [f"no drawbar pull is read; if {_some(list(found))} is one, {line}" for line in lines][:1]
 
 
 def header(plan: Plan, wheel: str, channel: str) -> str:

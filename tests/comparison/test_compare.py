@@ -10,7 +10,7 @@ from known_misfits import MISFITS, Kind, samples_of, windows_of
 from formats import Labels
 from terrain_cli.comparison import against, compare, comparison_criteria
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows, cut
 
 
 def all_of(samples, bounds=None):
@@ -102,6 +102,18 @@ def test_what_each_segments_own_soil_hides_is_found_between_segments():
     effects, _ = MISFITS["second pass 40 % stiffer"]
     found = compare([windows_of(1, Kind(effects, runs=True))], Model()).failures
     assert ("sinkage", "pass_number") in [(f.channel, f.driver) for f in found]
+
+
+def test_a_stretch_that_differs_is_found_where_it_lies():
+    """A bearing that sticks for 20 s: its torque is larger by a share, whatever slip and load are."""
+    samples = samples_of(1, Kind())
+    sticks = (samples.time >= 40.0) & (samples.time < 60.0)
+    torque = samples.channels["torque"] * np.where(sticks, 1.3, 1.0)
+    found = compare([cut(replace(samples, channels=samples.channels | {"torque": torque}), "auto")], Model())
+    first = found.failures[0]
+    assert (first.channel, first.driver, first.shape) == ("torque", "time", "stretch")
+    assert found.stretch == pytest.approx((40.0, 60.0), abs=1.0)
+    assert first.amplitude > 0.0
 
 
 def test_two_models_are_compared_on_the_same_blocks(clean):

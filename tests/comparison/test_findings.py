@@ -8,6 +8,7 @@ from terrain_cli.comparison import shapes
 from terrain_cli.comparison.findings import sentence_of
 from terrain_cli.comparison.shapes import Shape
 
+STRETCH = Shape(driver="time", name="stretch", at=40.0, until=59.95)
 STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
 
 
@@ -15,6 +16,7 @@ STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
     ("channel", "shape", "amplitude", "unit", "sentence"),
     [
         ("torque", STEP, 0.9, "1", "torque is under-predicted by 0.9 N m above slip 0.4"),
+        ("torque", STRETCH, 1.6, "s", "torque is under-predicted by 1.6 N m from 40 s to 60 s"),
         ("sinkage", shapes.constant(), -0.0021, "", "sinkage is over-predicted by 2.1 mm throughout"),
         (
             "drawbar_pull",

@@ -7,6 +7,7 @@ import pytest
 
 from terrain_cli.diagnosis.conclusion import Asked, Evidence, conclude, of_comparison, of_diagnosis
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.models import Refused
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
 FILE = Asked(inputs=("run.csv",), model="rig.toml")
@@ -134,7 +135,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",)),
             "explained",
-            MISSES + "slope explains it best, but this is not certain.",
+            MISSES + "slope explains it, but this is not certain.",
             NEW + "slope" + DATA,
             id="not sure",
         ),
@@ -255,9 +256,16 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, verdict="effect", family=("slope",), share=0.53),
             "explained",
-            MISSES + "slope explains 53% of it.",
+            MISSES + "slope explains most of it.",
             NEW + "slope" + DATA,
             id="one name for a part",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="effect", family=("slope",), share=0.31),
+            "explained",
+            MISSES + "slope explains a part of it.",
+            NEW + "slope" + DATA,
+            id="a part",
         ),
         pytest.param(
             evidence(UNKNOWN, points=True),
@@ -291,6 +299,38 @@ def test_the_same_evidence_has_the_same_conclusion(found, state, begins, command
     assert told.sentence.endswith(command)
 
 
+STRETCH = {"raised": True, "tracked": True, "stretch": (40.0, 59.95)}
+
+
+@pytest.mark.parametrize("further", [{}, {"verdict": "family", "family": ("slope", "crust"), "share": 0.1}])
+def test_a_stretch_that_differs_is_left_out_and_the_rest_compared(further):
+    told = conclude(evidence(OFF, **STRETCH, **further), ASKED)
+    assert told.sentence.startswith(MISSES + "most of all from 40 s to 59.95 s: see what happened then")
+    condition = "time < 40 or time > 59.95"
+    assert told.command == f"terrain-est compare 'a run.csv' --segments none --where '{condition}'"
+    before = Asked(inputs=("run.csv",), options=("--where", "load > 50"))
+    command = conclude(evidence(OFF, **STRETCH, **further), before).command
+    assert command == f"terrain-est compare run.csv --where '(load > 50) and ({condition})'"
+
+
+def test_an_effect_that_explains_most_is_more_than_a_stretch():
+    named = {"verdict": "effect", "family": ("slope",), "share": 0.9}
+    assert conclude(evidence(OFF, **STRETCH, **named), ASKED).command.startswith(NEW + "slope")
+
+
+def test_after_a_loop_that_found_nothing_none_is_proposed():
+    """Nor a diagnosis, which would propose the same again."""
+    raised = {"raised": True, "tracked": True}
+    tried = conclude(evidence(OFF, **raised, refused=("slope",)), ASKED)
+    assert tried.command == NEW + "--until-quiet" + DATA
+    for refused in ((), ("slope",)):
+        told = conclude(evidence(OFF, **raised, refused=refused, ended=True), ASKED)
+        assert (told.state, told.command) == ("unexplained", "")
+    # A law that was drafted after that was not tried.
+    law = {"verdict": "unknown", "law": "torque follows load", "refused": ("slope",), "ended": True}
+    assert conclude(evidence(OFF, raised=True, **law), ASKED).command.endswith("--draft law.toml")
+
+
 def test_the_next_command_changes_the_file_that_is_there():
     told = conclude(evidence(OFF, raised=True, verdict="effect", family=("slope",)), FILE)
     assert told.command == "terrain-est model add rig.toml slope --data run.csv"
@@ -312,14 +352,17 @@ def test_a_base_that_is_not_the_usual_one_is_named():
     assert conclude(evidence(OFF), asked).command.endswith("--model linear")
 
 
+def compared_to(channels, **further):
+    known = {"blocks": 20, "stretch": None, "refused": Refused(), "points": False}
+    return SimpleNamespace(channels=channels, **known, **further)
+
+
 @pytest.mark.parametrize(("amplitude", "raised"), [(0.002, False), (-0.002, False), (0.004, True)])
 def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amplitude, raised):
     # A torque of 1 N m, of which diagnose asks for 0.3 %.
     torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
     finding = SimpleNamespace(channel="torque", amplitude=amplitude)
-    found = SimpleNamespace(
-        channels={"torque": torque}, failures=[finding], blocks=20, scores=None, wheels=[]
-    )
+    found = compared_to({"torque": torque}, failures=[finding], scores=None)
     assert of_comparison(found).raised is raised
 
 
@@ -333,7 +376,7 @@ def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amp
 )
 def test_a_drafted_law_in_a_few_words(channel, driver, law):
     found = SimpleNamespace(
-        comparison=SimpleNamespace(channels={}, blocks=20, wheels=[]),
+        comparison=compared_to({}),
         alarm=SimpleNamespace(raised=True, small=False),
         verdict="unknown",
         unknown=SimpleNamespace(channel=channel, driver=driver),
@@ -342,6 +385,7 @@ def test_a_drafted_law_in_a_few_words(channel, driver, law):
         candidates=[],
         next_drive=[],
         unrecorded=(),
+        heldout={},
     )
     assert of_diagnosis(found).law == law
 
@@ -351,7 +395,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
     doubts = ("", "at its bound", "")
     torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
     found = SimpleNamespace(
-        comparison=SimpleNamespace(channels={"torque": torque}, blocks=20, wheels=[]),
+        comparison=compared_to({"torque": torque}),
         alarm=SimpleNamespace(raised=True, small=False),
         verdict="family",
         unknown=None,
@@ -363,6 +407,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         ],
         next_drive=[NextDrive(("slope", "crust"), "no drive tells", 0.1, check="weigh it")],
         unrecorded=(),
+        heldout={},
     )
     evidence = of_diagnosis(found)
     assert evidence.family == ("slope", "hardpan")

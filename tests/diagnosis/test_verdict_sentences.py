@@ -13,14 +13,15 @@ ALONG_SLIP = "drawbar pull is more and more over-predicted as slip rises: by 8.2
 def diagnosed(heldout, verdict="effect", together=()):
     """Return a diagnosis of noise 0.4 N m, 3.5 N, 0.6 mm."""
     noise = {"torque": 0.4, "drawbar_pull": 3.5, "sinkage": 6e-4}
-    candidate = SimpleNamespace(effect="gear-efficiency", sizes={}, doubt="")
+    candidate = SimpleNamespace(effect="gear-efficiency", sizes={}, doubt="", in_family=True, explained=0.9)
     return SimpleNamespace(
         verdict=verdict,
         comparison=SimpleNamespace(
             channels={
                 name: SimpleNamespace(noise=size, heldout_rmse=error)
                 for (name, size), error in zip(noise.items(), heldout, strict=True)
-            }
+            },
+            stretch=None,
         ),
         candidates=[candidate],
         family=together or ("gear-efficiency",),
@@ -72,9 +73,24 @@ def test_without_a_finding_the_name_comes_first():
 def test_of_a_family_those_of_a_doubtful_size_are_marked():
     found = diagnosed((0.4, 5.0, 6e-4), "family")
     found.family = ("gear-efficiency", "slope", "crust")
-    found.candidates.append(SimpleNamespace(effect="crust", sizes={}, doubt="at its bound"))
+    found.candidates.append(
+        SimpleNamespace(effect="crust", sizes={}, doubt="at its bound", in_family=True, explained=0.9)
+    )
     assert verdict.sentence(found, []) == (
         "Gear-efficiency, or slope or crust (at its bound): these data cannot tell."
+    )
+
+
+def test_beside_a_stretch_no_effect_is_named_that_explains_little():
+    log = diagnosed((0.4, 5.0, 6e-4), "family")
+    log.family, log.comparison.stretch, log.candidates[0].explained = (
+        ("gear-efficiency", "slope"),
+        (40.0, 60.0),
+        0.09,
+    )
+    stretch = "torque is under-predicted by 1.6 N m from 40 s to 60 s"
+    assert verdict.sentence(log, [found("torque", stretch, 0.6)], ["torque"]) == (
+        f"T{stretch[1:]}. No effect explains most of it: gear-efficiency or slope at most 9%."
     )
 
 

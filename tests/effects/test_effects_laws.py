@@ -105,11 +105,33 @@ def test_first_pass_makes_the_whole_gain_and_later_ones_little():
     np.testing.assert_allclose(half, [1.0, 1.5, 1.75, 1.875, 1.9375])
 
 
-@pytest.mark.parametrize(("slope", "drives"), [(-1.96, True), (-0.03, False), (0.07, False)])
-def test_friction_that_falls_with_speed_drives(slope, drives):
-    found = {"drivetrain-friction.Tc": 0.99, "drivetrain-friction.Bv": slope}
-    doubted = effects.find("drivetrain-friction").imitations(found, np.diag([0.03, 0.03]) ** 2)
-    assert [names for names, *_ in doubted] == [("drivetrain-friction.Bv",)] * drives
+@pytest.mark.parametrize(
+    ("dry", "slope", "drives"),
+    [(0.99, -1.96, True), (0.99, -0.6, False), (0.99, 0.07, False), (-0.3, 0.2, True)],
+)
+def test_friction_may_fall_with_speed_but_never_drives(dry, slope, drives):
+    """As it does where the parts hardly move (Stribeck); at 1.5 rad/s it still brakes, or drives."""
+    found = {"drivetrain-friction.Tc": dry, "drivetrain-friction.Bv": slope}
+    speeds = {"angular_velocity": np.array([0.2, -1.5, np.nan])}
+    wheel = found, np.diag([0.03, 0.03]) ** 2, speeds
+    doubted = list(effects.find("drivetrain-friction").imitations([wheel]))
+    assert bool(doubted) == drives
+    both = ("drivetrain-friction.Tc", "drivetrain-friction.Bv")
+    assert all(names == both or dry < 0.0 for _, names, *_ in doubted)
+
+
+def test_little_on_the_wrong_side_means_nothing_where_another_wheel_has_much():
+    """The share of a wheel without the effect is noise that lasts, which standard errors take for white."""
+    speeds, exact = {"angular_velocity": np.array([0.4, 1.0])}, np.diag([0.01, 0.01]) ** 2
+    sizes = {"front": (0.04, -0.08), "rear": (0.97, -0.19)}
+    front, rear = (
+        ({"drivetrain-friction.Tc": dry, "drivetrain-friction.Bv": slope}, exact, speeds)
+        for dry, slope in sizes.values()
+    )
+    friction = effects.find("drivetrain-friction")
+    assert any(friction.imitations([front], errors=2.0, least=0.125))
+    assert not any(friction.imitations([front, rear], errors=2.0, least=0.125))
+    assert any(friction.imitations([front, rear], errors=2.0))
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

@@ -350,7 +350,7 @@ def test_a_row_without_a_message_is_passed_over_and_told(tmp_path):
     for _ in range(5):
         recorder.look()
     assert recorder.bag.count == len(list(rows()))
-    assert recorder.bag.faults() == ["1 messages set aside, which contradict themselves"]
+    assert recorder.bag.faults() == ["1 message set aside, which contradicts itself"]
 
 
 def test_a_commit_that_is_going_on_is_waited_for(tmp_path):

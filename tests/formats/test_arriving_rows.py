@@ -68,6 +68,8 @@ def test_it_does_not_matter_how_the_bytes_are_cut(places):
         TEXT.replace("left", '"front, left"'),
         TEXT.replace("0.5,", "2026-11-21T08:00:00Z,"),
         TEXT.replace(",12.5", ","),
+        TEXT.replace(",12.5", ",1_000", 3),
+        TEXT.replace(",12.5", ",١٢", 3),
         TEXT.replace("time", "stamp_ns").replace("0.1,", "1767225600000000001,"),
         "\n".join(["time,wheel,torque", *(f"2026-11-21T08:00:{k:02d}Z,a,{k}" for k in range(60))]) + "\n",
         TEXT.rstrip("\n"),

@@ -16,6 +16,7 @@ from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
 from terrain_cli.improvement import Stopped, model_history, until_quiet
 from terrain_cli.improvement.change_trial import fitted
+from terrain_cli.models import Refused
 from terrain_cli.presentation import change_text
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.windows import cut_windows
@@ -74,6 +75,7 @@ def diagnosing(*answers):
             unknown=unknown,
             together=(),
             candidates=[],
+            heldout={},
             next_drive=[NextDrive((names[0], name), f"drive for {name}", 0.9) for name in names[1:]],
         )
 
@@ -235,7 +237,8 @@ def test_candidates_of_ones_own_are_named_by_their_paths(own):
 
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
-        comparison=SimpleNamespace(channels={}, blocks=20, wheels=[]),
+        comparison=SimpleNamespace(channels={}, blocks=20, stretch=None, refused=Refused(), points=False),
+        heldout={},
         verdict="family",
         unrecorded=(),
         alarm=Alarm(raised=True, p_value=0.0, level=0.01),

@@ -92,6 +92,10 @@ def test_other_segments_are_those_of_the_log(settings, tmp_path):
     for name in ENDS:
         assert list(told.table[name]) == list(whole[name]), name
     np.testing.assert_allclose(told.table["c_kPa"], whole["c_kPa"], rtol=1e-9)
+    mixed = (
+        "the wheel: segments hold samples of more than one terrain (a+b); --segments terrain keeps them apart"
+    )
+    assert told.remarks.count(mixed) == (settings["segments"] != "terrain")
 
 
 def test_open_segments_are_told_as_the_recursive_estimator_has_them(tmp_path, monkeypatch):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.effects.library import parameter
-from terrain_cli.mechanics.effect import Effect, Quantities
+from terrain_cli.mechanics.effect import Effect, Quantities, Sum
 
 
 def _torque_with_friction(q: Quantities) -> Any:
@@ -29,20 +30,21 @@ DRIVETRAIN_FRICTION = Effect(
             (-50.0, 500.0),
             unit="N m s/rad",
             needs=("angular_velocity",),
-            # Friction that falls with speed does so while the parts just begin to move.
-            side=1,
         ),
     ),
+    # Friction may fall with speed (Stribeck), but never drives.
+    sums=(Sum(("Tc", "Bv"), 0.0, math.inf, {"Bv": "angular_velocity"}),),
     laws={"torque": _torque_with_friction},
     formula="T shown = T + Tc + Bv |ω|, torque counted positive the way the wheel turns",
     explanation=(
         "A torque that is measured at the motor, or derived from its current, includes what bearings, seals "
         "and gears take: a constant part Tc, 5 to 30 % of a rover's torque, and a part that grows with wheel "
-        "speed. Torque is too high by the same amount whatever slip, load and sinkage are; drawbar pull and "
-        "sinkage stay. T/r − DP − W tan(θ1/2) is then constant, where max-stress-angle makes it grow with "
-        "slip. Without drawbar pull it passes for cohesion, which also adds torque at any load, and at one "
-        "wheel speed Tc and Bv are the same thing. Gear-efficiency takes a share of the torque instead. "
-        "Without a measured wheel speed only Tc acts."
+        "speed, or falls with it where the parts hardly move (Stribeck). Torque is too high by the same "
+        "amount whatever slip, load and sinkage are; drawbar pull and sinkage stay. T/r − DP − W tan(θ1/2) "
+        "is then constant, where max-stress-angle makes it grow with slip. Without drawbar pull it passes "
+        "for cohesion, which also adds torque at any load, and at one wheel speed Tc and Bv are the same "
+        "thing. Gear-efficiency takes a share of the torque instead. Without a measured wheel speed only Tc "
+        "acts."
     ),
     shows="torque alone, constant or against wheel speed",
     reference=(

@@ -181,7 +181,7 @@ class Fit(Parameters):
                     self.names[place]: float(self.values[self.names[place]][window]) for place in places
                 }
                 covariance = self.covariance[window][np.ix_(places, places)]
-                found[window] |= any(effect.imitations(values, covariance))
+                found[window] |= any(effect.imitations([(values, covariance, {})]))
         return found
 
     @property

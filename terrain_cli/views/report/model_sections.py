@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
-from terrain_cli.improvement.model_history import Rung, channels, rungs
+from terrain_cli.improvement.model_history import Rung, channels, refusals, rungs
 from terrain_cli.presentation import change_text
 from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, measured, top
@@ -173,7 +173,7 @@ def history(entries: Sequence[Mapping[str, Any]]) -> Section:
     head = [word.capitalize() for word in head]
     table = Table("Held-out errors, change by change", head, rows, frozenset(range(3, 8)), note)
     charts = [_rungs(ladder, name) for name in channels(ladder)]
-    points = [f"{remark}." for remark in change_text.remarks(ladder)]
+    points = [f"{remark}." for remark in (*change_text.remarks(ladder), *refusals(entries))]
     return Section(id="history", title="How the model came about", points=points, parts=[*charts, table])
 
 
