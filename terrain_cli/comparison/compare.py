@@ -142,10 +142,11 @@ def of_fitted(
             "where the model fails cannot be told from chance"
         )
     else:
+        residuals = Residuals(fitted, made, scale)
         if chain is not None:
-            label = Residuals(fitted, made, scale).joined(chain)
+            label = residuals.join(chain)
             made = [label[block] for block in made]
-        failures = Residuals(fitted, made, scale).findings(levels, seed)
+        failures = residuals.findings(levels, seed)
         failures += _between_segments(fitted, failures, levels, seed)
     ordered = any(wheel.ordered for wheel in fitted)
     why = "too few samples" if ordered else "too few test points were repeated"

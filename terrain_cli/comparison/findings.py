@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -160,10 +161,11 @@ class Residuals:
             whole += float(((values[known] - values[known].mean()) ** 2).sum())
         return inside < 0.5 * whole
 
-    def search(self) -> Search:
-        """Set up the search."""
+    @cached_property
+    def _search(self) -> Search:
+        """The search; what a change of the soil takes off is no misfit of the model."""
         count = 1 + max(int(one.block.max(initial=-1)) for one in self.evidence)
-        return Search(
+        search = Search(
             self.evidence,
             # A channel that follows itself says nothing.
             {name: [one for one in self.shapes if one.driver != name] for name in self.scale},
@@ -171,23 +173,24 @@ class Residuals:
             precision=np.concatenate([_precision(wheel) for wheel in self.wheels]),
             blocks=count,
         )
-
-    def joined(self, chain: Index) -> Index:
-        """Join blocks whose scores are related; `chain` and the result as for `blocks.merged`."""
-        search = self.search()
         search.refit([])
-        return blocks.merged(
+        return search
+
+    def join(self, chain: Index) -> Index:
+        """Join blocks whose scores are related; `chain` and the result as for `blocks.merged`."""
+        search = self._search
+        label = blocks.merged(
             search.scores()[:, search.common :],
             chain,
             fewest=2 * criteria.FEWEST_BLOCKS,
             independent=criteria.UNRELATED_BLOCKS,
         )
+        search.join(label)
+        return label
 
     def findings(self, noise: Mapping[str, float], seed: int) -> list[Finding]:
         """Search for findings; `noise` is the standard deviation of the noise of each channel."""
-        search = self.search()
-        # What a change of the soil takes off is no misfit of the model.
-        search.refit([])
+        search = self._search
         taken = set() if self.found is None else {*self.found, *((name, "") for name in self.scale)}
         misfit = sum(self._beyond_noise(search, name, noise[name]) for name in self.scale)
         found = search.forward(noise, self.counts, level=criteria.FINDING_LEVEL, taken=taken, seed=seed)

@@ -144,7 +144,7 @@ class System:
 
     def __init__(self, precision: Array, blocks: int, terms: int) -> None:
         groups, soil = precision.shape
-        self._blocks = blocks
+        self.blocks = blocks
         self._squares = np.zeros(terms)
         self._soil: Array = np.asarray(precision[:, :, None] * np.eye(soil))
         self._mixed = np.zeros((groups, soil, terms))
@@ -169,7 +169,7 @@ class System:
 
     def scores(self, cells: Iterable[ScoreCell]) -> Array:
         """Return the scores of every block and term, (blocks, terms)."""
-        scores = np.zeros((self._blocks, len(self._squares)))
+        scores = np.zeros((self.blocks, len(self._squares)))
         for cell in cells:
             error = cell.weight * cell.residual
             scores[cell.block, cell.columns] += cell.terms.T @ error
