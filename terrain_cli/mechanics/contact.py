@@ -189,17 +189,19 @@ class _Rim:
         """How the forces change with c + σ tan φ of a node, shape (3, order, n)."""
         R = self.contact.shear_radius
         grip = self.mobilised * self.lengths[:, None]
-        change = np.stack([_both(grip * self.sin), R * _both(grip), _both(grip * self.cos)])
+        change = np.empty((3, *grip.shape[1:]))
+        for place, part in enumerate((grip * self.sin, R * grip, grip * self.cos)):
+            np.add(*part, out=change[place])
         change *= self.width * R * self.w
-        return np.asarray(change)
+        return change
 
     @cached_property
     def per_pressure(self) -> Array:
         """How the forces change with σ of a node, shape (3, order, n)."""
         change = self.contact.tan_phi * self.per_strength
         share = self.width * self.contact.radius * self.w
-        change[0] += share * _both(self.lengths[:, None] * self.cos)
-        change[2] -= share * _both(self.lengths[:, None] * self.sin)
+        change[0] += share * np.add(*(self.lengths[:, None] * self.cos))
+        change[2] -= share * np.add(*(self.lengths[:, None] * self.sin))
         return np.asarray(change)
 
     @cached_property
@@ -209,7 +211,10 @@ class _Rim:
         steep = self.strength * self.fade
         steep *= self.lengths[:, None] * (self.width * R / self.contact.shear_modulus)
         steep *= self.w
-        return np.stack([steep * self.sin, steep * R, steep * self.cos])
+        change = np.empty((3, *steep.shape))
+        for place, factor in enumerate((self.sin, R, self.cos)):
+            np.multiply(steep, factor, out=change[place])
+        return change
 
     @cached_property
     def with_pressure(self) -> Array:
@@ -281,11 +286,6 @@ class _Rim:
         plain, cos, sin = (self.sums[0, 2:] * self.lengths).sum(axis=1)
         own = np.array([sin, 2.0 * self.contact.shear_radius * plain, cos])
         return _sum(self.per_travel, 2.0 * self.half) + self.width * own
-
-
-def _both(a: Array) -> Array:
-    """Add the two arcs."""
-    return np.asarray(a[0] + a[1])
 
 
 def _sum(change: Array, by: Array) -> Array:
