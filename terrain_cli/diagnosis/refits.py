@@ -233,11 +233,11 @@ def _solved(
         begun = [_from(several, sought, part.windows) for several in places]
         return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
-    begun = list(_beginnings(sought, common, hypothesis, wheel.channels))
+    shared = list(_beginnings(sought, common, hypothesis, wheel.channels))
     # Where nothing is new but an effect, which is absent there, the neutral soil is that of the base.
-    same = not hypothesis.priors and all(one is common for one in begun)
+    same = not hypothesis.priors and all(one is common for one in shared)
     neutral = _from([data.neutral[index]], sought, part.windows)[0] if same else None
-    return smoothed_fit.search(hypothesis.model, sought, part, product((t, neutral), begun))
+    return smoothed_fit.search(hypothesis.model, sought, part, product((t, neutral), shared))
 
 
 def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[Array, Array]:

@@ -191,7 +191,7 @@ class _Rim:
         grip = self.mobilised * self.lengths[:, None]
         change = np.empty((3, *grip.shape[1:]))
         for place, part in enumerate((grip * self.sin, R * grip, grip * self.cos)):
-            np.add(*part, out=change[place])
+            np.add(part[0], part[1], out=change[place])
         change *= self.width * R * self.w
         return change
 
