@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -185,7 +186,11 @@ def resample(sums: Array, statistic: Callable[[Array], Array], *, seed: int = 0)
     `sums`, shape (blocks, m), is what each block adds to the sums of which the statistic is made; the
     statistic takes such sums of all draws, shape (draws, m).
     """
-    blocks = len(sums)
+    return statistic(_chosen(len(sums), seed) @ sums)
+
+
+@lru_cache(maxsize=4)
+def _chosen(blocks: int, seed: int) -> Array:
+    """Return how often each block is drawn, shape (draws, blocks): the same for every channel and model."""
     rng = np.random.default_rng(seed)
-    chosen = rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
-    return statistic(chosen @ sums)
+    return rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS).astype(float)

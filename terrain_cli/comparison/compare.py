@@ -116,13 +116,15 @@ def of_fitted(
     fitted: Sequence[FittedWheel],
     *,
     like: Comparison | None = None,
+    findings: bool = True,
     seed: int = 0,
     warnings: Sequence[str] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
     """Compare wheels to which a model was fitted with what they measured; all have the same model.
 
-    `warnings` come before its own; the rest is as for `compare`.
+    Without `findings` it is not looked for where the model fails. `warnings` come before its own; the rest is
+    as for `compare`.
     """
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
@@ -133,7 +135,8 @@ def of_fitted(
     made, chain = _blocks(fitted) if like is None else ([one.blocks for one in like.wheels], None)
     count = 1 + max(int(block.max(initial=-1)) for block in made)
     failures = []
-    progress("looking for where the model fails")
+    if findings:
+        progress("looking for where the model fails")
     if not scale:
         warnings.append("the model predicts what was measured exactly: there is nothing to look for")
     elif count < criteria.FEWEST_BLOCKS:
@@ -141,11 +144,12 @@ def of_fitted(
             f"only {counted(count, 'independent stretch', 'es')} of data: "
             "where the model fails cannot be told from chance"
         )
-    else:
+    elif findings:
+        residuals = Residuals(fitted, made, scale)
         if chain is not None:
-            label = Residuals(fitted, made, scale).joined(chain)
+            label = residuals.join(chain)
             made = [label[block] for block in made]
-        failures = Residuals(fitted, made, scale).findings(levels, seed)
+        failures = residuals.findings(levels, seed)
         failures += _between_segments(fitted, failures, levels, seed)
     ordered = any(wheel.ordered for wheel in fitted)
     why = "too few samples" if ordered else "too few test points were repeated"

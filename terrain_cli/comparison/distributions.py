@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array
 
 #: Terms of the continued fraction, and what is no change of it any more.
-_MOST_TERMS, _EQUAL = 400, 3e-16
+_MOST_TERMS, _EQUAL = 400, 1e-15
 
 
 def student_tail(t: ArrayLike, freedom: float) -> Array:

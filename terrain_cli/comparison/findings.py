@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -181,10 +182,11 @@ class Residuals:
             whole += float(((values[known] - values[known].mean()) ** 2).sum())
         return inside < 0.5 * whole
 
-    def search(self) -> Search:
-        """Set up the search."""
+    @cached_property
+    def _search(self) -> Search:
+        """The search; what a change of the soil takes off is no misfit of the model."""
         count = 1 + max(int(one.block.max(initial=-1)) for one in self.evidence)
-        return Search(
+        search = Search(
             self.evidence,
             # A channel that follows itself says nothing.
             {name: [one for one in self.shapes if one.driver != name] for name in self.scale},
@@ -192,25 +194,26 @@ class Residuals:
             precision=np.concatenate([_precision(wheel) for wheel in self.wheels]),
             blocks=count,
         )
-
-    def joined(self, chain: Index) -> Index:
-        """Join blocks whose scores are related; `chain` and the result as for `blocks.merged`."""
-        search = self.search()
         search.refit([])
+        return search
+
+    def join(self, chain: Index) -> Index:
+        """Join blocks whose scores are related; `chain` and the result as for `blocks.merged`."""
+        search = self._search
         # Of a stretch neighbouring blocks are alike by what it is.
         drives = [term.shape.name != "stretch" for term in search.terms]
-        return blocks.merged(
+        label = blocks.merged(
             search.scores()[:, search.common :][:, drives],
             chain,
             fewest=2 * criteria.FEWEST_BLOCKS,
             independent=criteria.UNRELATED_BLOCKS,
         )
+        search.join(label)
+        return label
 
     def findings(self, noise: Mapping[str, float], seed: int) -> list[Finding]:
         """Search for findings; `noise` is the standard deviation of the noise of each channel."""
-        search = self.search()
-        # What a change of the soil takes off is no misfit of the model.
-        search.refit([])
+        search = self._search
         taken = set() if self.found is None else {*self.found, *((name, "") for name in self.scale)}
         misfit = sum(self._beyond_noise(search, name, noise[name]) for name in self.scale)
         found = search.forward(noise, self.counts, level=criteria.FINDING_LEVEL, taken=taken, seed=seed)

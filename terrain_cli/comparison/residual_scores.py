@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-#: Samples whose terms are computed at a time.
-_SLAB = 8192
+#: Samples whose terms are computed at a time, and those of a wheel up to which these are kept.
+_SLAB, _FEW = 8_192, 16_384
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class ResidualEvidence:
     block: Index  # shape (n,): counted over all wheels
     #: Values of shapes at the drivers, kept where they are few: every search of these samples asks for them
     #: again and again, and residuals do not change them.
-    _kept: dict[tuple[Shape, ...], Array] = field(default_factory=dict, compare=False, repr=False)
+    _kept: dict[tuple[tuple[Shape, ...], int], Array] = field(default_factory=dict, compare=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.group)
@@ -75,16 +75,16 @@ class ResidualEvidence:
         return np.hstack([self.slopes[channel].common[rows], self._shaped(tuple(shapes), rows)])
 
     def _shaped(self, shapes: tuple[Shape, ...], rows: slice) -> Array:
-        if shapes in self._kept:
-            return self._kept[shapes]
+        if (shapes, rows.start) in self._kept:
+            return self._kept[shapes, rows.start]
         out = np.zeros((len(self.group[rows]), len(shapes)))
         for column, shape in enumerate(shapes):
             if shape.name == "constant":
                 out[:, column] = 1.0
             elif shape.driver in self.drivers:
                 out[:, column] = np.nan_to_num(shape(self.drivers[shape.driver][rows]))
-        if len(self) <= _SLAB:
-            self._kept[shapes] = out
+        if len(self) <= _FEW:
+            self._kept[shapes, rows.start] = out
         return out
 
     def cells(
@@ -144,7 +144,7 @@ class System:
 
     def __init__(self, precision: Array, blocks: int, terms: int) -> None:
         groups, soil = precision.shape
-        self._blocks = blocks
+        self.blocks = blocks
         self._squares = np.zeros(terms)
         self._soil: Array = np.asarray(precision[:, :, None] * np.eye(soil))
         self._mixed = np.zeros((groups, soil, terms))
@@ -169,7 +169,7 @@ class System:
 
     def scores(self, cells: Iterable[ScoreCell]) -> Array:
         """Return the scores of every block and term, (blocks, terms)."""
-        scores = np.zeros((self._blocks, len(self._squares)))
+        scores = np.zeros((self.blocks, len(self._squares)))
         for cell in cells:
             error = cell.weight * cell.residual
             scores[cell.block, cell.columns] += cell.terms.T @ error

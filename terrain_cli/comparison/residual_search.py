@@ -87,6 +87,11 @@ class Search:
         """Return the scores of all terms in what is left of the residuals, (blocks, terms)."""
         return self.system.scores(self._cells())
 
+    def join(self, label: Index) -> None:
+        """Join blocks: `label`, shape (blocks,), is what each becomes part of."""
+        self.wheels = [replace(wheel, block=label[wheel.block]) for wheel in self.wheels]
+        self.blocks = self.system.blocks = 1 + int(label.max())
+
     def refit(self, chosen: Sequence[int]) -> FittedTerms:
         """Fit the model's parameters anew together with some terms, and take both off the residuals.
 

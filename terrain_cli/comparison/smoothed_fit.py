@@ -56,6 +56,7 @@ class Solution:
     common: Array  # shape (m,): in the same
     residual: Array  # shape (n, c): in units of the noise
     design: Array  # shape (n, c, q + m): derivatives of the prediction by t and common, in the same units
+    sinkage: Array | None  # shape (n,): under the load; None where it is given
     spread: float  # Variance of the misfit in units of the noise's, as it counts against the prior
     cost: float  # Without the prior's part
 
@@ -185,6 +186,7 @@ def solve(
         common=common,
         residual=state.left,
         design=state.design,
+        sinkage=state.sinkage,
         spread=spread,
         cost=float(smoothed_model.bounded(state.left).sum()),
     )
@@ -197,15 +199,13 @@ def search(
 
     Each has the soils, (w, q), or None for the neutral soil, and what is common to them, (m,).
     """
-    rough = smoothed_model.thinned(
-        data, np.arange(0, len(data.use), max(1, len(data.use) // (_ROUGH * data.windows)))
-    )
+    few = rough(data)
     tried = [
         solve(
             model,
             sought,
-            rough,
-            neutral(model, sought, rough, common) if soil is None else soil,
+            few,
+            neutral(model, sought, few, common) if soil is None else soil,
             common,
             rounds=1,
             settled=_ROUGHLY,
@@ -214,6 +214,12 @@ def search(
     ]
     best = min(tried, key=lambda one: one.merit)
     return solve(model, sought, data, best.t, best.common)
+
+
+def rough(data: SmoothedData) -> SmoothedData:
+    """Return the samples with which a search is begun."""
+    step = max(1, len(data.use) // (_ROUGH * data.windows))
+    return smoothed_model.thinned(data, np.arange(0, len(data.use), step))
 
 
 def neutral(model: Model, sought: Unknowns, data: SmoothedData, common: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -42,6 +43,15 @@ class Ground:
     block: list[Index]  # Block of each of these
     data: list[SmoothedData]
     base: list[Solution]
+
+    @cached_property
+    def neutral(self) -> list[Solution]:
+        """The base of each wheel on the soil expected before anything is known."""
+        soils = (
+            smoothed_fit.neutral(one.model, one.unknowns, smoothed_fit.rough(part), one.common)
+            for one, part in zip(self.base, self.data, strict=True)
+        )
+        return [replace(one, t=t) for one, t in zip(self.base, soils, strict=True)]
 
     @property
     def blocks(self) -> int:
@@ -223,12 +233,11 @@ def _solved(
         begun = [_from(several, sought, part.windows) for several in places]
         return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
-    return smoothed_fit.search(
-        hypothesis.model,
-        sought,
-        part,
-        product((t, None), _beginnings(sought, common, hypothesis, wheel.channels)),
-    )
+    shared = list(_beginnings(sought, common, hypothesis, wheel.channels))
+    # Where nothing is new but an effect, which is absent there, the neutral soil is that of the base.
+    same = not hypothesis.priors and all(one is common for one in shared)
+    neutral = _from([data.neutral[index]], sought, part.windows)[0] if same else None
+    return smoothed_fit.search(hypothesis.model, sought, part, product((t, neutral), shared))
 
 
 def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[Array, Array]:
@@ -290,6 +299,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
         part,
         smoothed_model.parameters(sought, t, common, part.window),
         order=smoothed_model.ORDER,
+        guess=solution.sinkage,
     )
     errors = smoothed_model.residual(part, found)
     change = np.einsum("ncp,np->nc", solution.design, moved[cell])

@@ -42,17 +42,21 @@ def fitted(
     file: ModelFile,
     *,
     like: Comparison | None = None,
+    findings: bool = True,
     soils: EstimateRequest | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Compare a model file with joined windows of wheels of one rover, on the blocks of `like`."""
+    """Compare a model file with joined windows of wheels of one rover, on the blocks of `like`.
+
+    Options are as for `of_fitted`.
+    """
     settings = FitSettings.of(wheels, file)
     missing = alarm.missing_effects(file)
     further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
     known = with_inputs(wheels, [*file.model.effects, *missing])
     several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
-    found = of_fitted(several, like=like, seed=seed, warnings=told, progress=progress)
+    found = of_fitted(several, like=like, findings=findings, seed=seed, warnings=told, progress=progress)
     block = [one.blocks for one in found.wheels]
     return replace(
         found,
@@ -317,12 +321,15 @@ def alternatives(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Alternative]:
-    """Fit a model effect by effect, on the blocks of `own`, and with each further one that scores name."""
+    """Fit a model effect by effect, on the blocks of `own`, and with each further one that scores name.
+
+    Of these it is not looked for where they fail.
+    """
     modulus = wheels[0].samples.geometry.shear_modulus
 
     def shown(label: str, other: ModelFile) -> Alternative:
         progress(label)
-        return Alternative(label, fitted(wheels, other, like=own, seed=seed))
+        return Alternative(label, fitted(wheels, other, like=own, findings=False, seed=seed))
 
     ids = [effect.id for effect in file.model.effects]
     steps = [

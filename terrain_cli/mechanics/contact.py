@@ -99,6 +99,16 @@ def slip_of_radius(slip: Any, share: Any) -> Any:
     return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, _LEAST_RATIO) - 1.0, 1.0 - ratio)
 
 
+def half_angle(half: Any) -> tuple[Any, Any]:
+    """Return sin² and sin cos of angles within a quarter turn.
+
+    By the tangent, which NumPy computes for many values at a time: sine and cosine take eight times as long.
+    """
+    tangent = np.tan(half)
+    mixed = tangent / (1.0 + tangent * tangent)
+    return tangent * mixed, mixed
+
+
 def forces(
     contact: Contact, width: float, *, by: Collection[str] = (), order: int = ORDER
 ) -> tuple[Array, dict[str, Array]]:
@@ -130,10 +140,7 @@ class _Rim:
         half = np.empty((2, order, len(front)))
         np.multiply(0.5 * u, front, out=half[0])
         np.subtract(0.5 * (one - two), 0.5 * u * rear, out=half[1])
-        sine = np.sin(half)
-        square = sine * sine
-        mixed = np.sqrt(1.0 - square)
-        mixed *= sine
+        square, mixed = half_angle(half)
         s1, c1 = np.sin(one), np.cos(one)
         # cos θ − cos θ1 and sin θ1 − sin θ.
         rise, run = 2.0 * s1 * mixed, 2.0 * c1 * mixed
@@ -182,17 +189,19 @@ class _Rim:
         """How the forces change with c + σ tan φ of a node, shape (3, order, n)."""
         R = self.contact.shear_radius
         grip = self.mobilised * self.lengths[:, None]
-        change = np.stack([_both(grip * self.sin), R * _both(grip), _both(grip * self.cos)])
+        change = np.empty((3, *grip.shape[1:]))
+        for place, part in enumerate((grip * self.sin, R * grip, grip * self.cos)):
+            np.add(part[0], part[1], out=change[place])
         change *= self.width * R * self.w
-        return np.asarray(change)
+        return change
 
     @cached_property
     def per_pressure(self) -> Array:
         """How the forces change with σ of a node, shape (3, order, n)."""
         change = self.contact.tan_phi * self.per_strength
         share = self.width * self.contact.radius * self.w
-        change[0] += share * _both(self.lengths[:, None] * self.cos)
-        change[2] -= share * _both(self.lengths[:, None] * self.sin)
+        change[0] += share * np.add(*(self.lengths[:, None] * self.cos))
+        change[2] -= share * np.add(*(self.lengths[:, None] * self.sin))
         return np.asarray(change)
 
     @cached_property
@@ -202,7 +211,10 @@ class _Rim:
         steep = self.strength * self.fade
         steep *= self.lengths[:, None] * (self.width * R / self.contact.shear_modulus)
         steep *= self.w
-        return np.stack([steep * self.sin, steep * R, steep * self.cos])
+        change = np.empty((3, *steep.shape))
+        for place, factor in enumerate((self.sin, R, self.cos)):
+            np.multiply(steep, factor, out=change[place])
+        return change
 
     @cached_property
     def with_pressure(self) -> Array:
@@ -267,11 +279,6 @@ class _Rim:
                 own = np.array([sin, 2.0 * R * plain, cos])
                 change = _sum(self.per_travel, 2.0 * self.half) + self.width * own
         return np.asarray(change)
-
-
-def _both(a: Array) -> Array:
-    """Add the two arcs."""
-    return np.asarray(a[0] + a[1])
 
 
 def _sum(change: Array, by: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -37,6 +37,8 @@ _FEWEST, _TURNS = 12, 1.5
 _ROUNDING = 1e-9
 #: Share of its samples that a channel has to have.
 _KNOWN = 0.5
+#: Seen from the other one of two samples, what each of the sums of lines gets of this one.
+_TURNED = np.array([[1.0], [-1.0], [-1.0], [1.0], [1.0]])
 #: Times its power in noise at which a ripple stands out: below, there is nothing to align.
 _STANDS_OUT = 4.0
 
@@ -56,26 +58,31 @@ def rate(
     if reach is None:
         some = slice(0, _TELLING)
         reaches = [near for near in _REACHES if near >= least]
-        errors = [_left_out(_sums(time[some], stretch[some], values[some], near)) for near in reaches]
-        reach = reaches[int(np.argmin(errors))]
-    count, st, sv, stt, stv = _sums(time, stretch, values, reach)
+        nested = _sums(time[some], stretch[some], values[some], reaches)
+        reach = reaches[int(np.argmin([_left_out(sums) for sums in nested]))]
+    ((count, st, sv, stt, stv),) = _sums(time, stretch, values, [reach])
     spread = count * stt - st * st
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(spread > 0.0, (count * stv - st * sv) / spread, np.nan))
 
 
-def _sums(time: Array, stretch: Index, values: Array, reach: int) -> Array:
-    """Return number of neighbours and Σ t, Σ v, Σ t², Σ t v about each sample, so that nothing cancels."""
-    n = len(time)
-    sums = np.zeros((5, n))
-    for shift in range(-reach, reach + 1):
-        own = np.arange(max(0, -shift), min(n, n - shift))
-        own = own[stretch[own] == stretch[own + shift]]
-        dt, dv = time[own + shift] - time[own], values[own + shift] - values[own]
-        known = np.isfinite(dv)
-        own, dt, dv = own[known], dt[known], dv[known]
-        sums[:, own] += (np.ones_like(dt), dt, dv, dt * dt, dt * dv)
-    return sums
+def _sums(time: Array, stretch: Index, values: Array, reaches: Sequence[int]) -> Iterator[Array]:
+    """Yield number of neighbours and Σ t, Σ v, Σ t², Σ t v about each sample, so that nothing cancels.
+
+    One array, to which each of the rising `reaches` adds further neighbours.
+    """
+    sums = np.zeros((5, len(time)))
+    sums[0] = np.isfinite(values)
+    for before, reach in pairwise([0, *reaches]):
+        for shift in range(before + 1, min(reach, len(time) - 1) + 1):
+            dv = values[shift:] - values[:-shift]
+            near = (stretch[shift:] == stretch[:-shift]) & np.isfinite(dv)
+            dt = np.where(near, time[shift:] - time[:-shift], 0.0)
+            dv = np.where(near, dv, 0.0)
+            terms = np.stack([near, dt, dv, dt * dt, dt * dv])
+            sums[:, :-shift] += terms
+            sums[:, shift:] += _TURNED * terms
+        yield sums
 
 
 def _left_out(sums: Array) -> float:

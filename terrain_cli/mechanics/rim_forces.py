@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.mechanics.contact import ORDER, nodes, rolling
+from terrain_cli.mechanics.contact import ORDER, half_angle, nodes, rolling
 from terrain_cli.mechanics.dual import chain, value
 
 if TYPE_CHECKING:
@@ -33,26 +33,28 @@ def forces(q: Mapping[str, Any], width: float, change: Change, *, order: int = O
     one, peak, two = q["entry_angle"], q["max_stress_angle"], q["exit_angle"]
     r, R = q["radius"], q["shear_radius"]
     long, short = one - peak, peak - two
-    angle = front * (one - u * long) + rear * (two + u * short)
+    gap = 0.5 * (front * (u * long) + rear * (one - two - u * short))
+    square, mixed = half_angle(gap)
+    s1, c1 = np.sin(one), np.cos(one)
+    # cos θ − cos θ1 and sin θ1 − sin θ.
+    rise, run = 2.0 * (s1 * mixed - c1 * square), 2.0 * (c1 * mixed + s1 * square)
     # The normal stress behind θm is that of the same share of the arc in front of it.
-    above = 0.5 * u * long
-    depth = 2.0 * r * np.sin(one - above) * np.sin(above)
+    depth = r * rise[np.r_[0:order, 0:order]]
     at_nodes = {
         **q,
-        "angle": angle,
+        "angle": one - 2.0 * gap,
         "depth": depth,
         "normal_stress": q["stiffness"] * np.exp(q["sinkage_exponent"] * np.log(depth)),
     }
     sigma = at_nodes["normal_stress"] = change("normal_stress", at_nodes)
-    gap = 0.5 * (one - angle)
-    travel = 2.0 * R * gap - rolling(q["slip"]) * r * 2.0 * np.cos(one - gap) * np.sin(gap)
+    travel = 2.0 * R * gap - rolling(q["slip"]) * r * run
     turn = np.where(value(travel) < 0.0, -1.0, 1.0)
     mobilised = turn * (1.0 - np.exp(-np.absolute(travel) / q["shear_modulus"]))
     at_nodes["shear_displacement"] = travel
     at_nodes["shear_stress"] = (q["cohesion"] + q["tan_phi"] * sigma) * mobilised
     tau = change("shear_stress", at_nodes)
     weight = w * (front * long + rear * short)
-    cos, sin = weight * np.cos(angle), weight * np.sin(angle)
+    cos, sin = weight * (c1 + rise), weight * (s1 - run)
     load = width * (r * _total(sigma * cos) + R * _total(tau * sin))
     torque = R * R * width * _total(tau * weight)
     pull = width * (R * _total(tau * cos) - r * _total(sigma * sin))

@@ -17,6 +17,7 @@ chart_style.need("report")
 
 import altair as alt  # noqa: E402
 import vl_convert  # noqa: E402
+from altair.utils import schemapi  # noqa: E402
 from jinja2 import Environment, StrictUndefined  # noqa: E402
 
 from terrain_cli.views.report import model_sections, sections  # noqa: E402
@@ -54,8 +55,10 @@ def page(
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
     """Return the report of a comparison; `further` sections follow, if there is something in them."""
-    shown, choices, chosen = sections.of(comparison, progress, asked)
-    by_model = model_sections.section(models)
+    # Altair checks every part of a chart against the schema of Vega-Lite: for whoever writes charts.
+    with schemapi.debug_mode(arg=False):
+        shown, choices, chosen = sections.of(comparison, progress, asked)
+        by_model = model_sections.section(models)
     kept = [section for section in (*shown, by_model, *further) if section]
     charts = [part for section in kept for part in section.parts if isinstance(part, Chart)]
     here = files("terrain_cli.views.report")

@@ -131,14 +131,12 @@ class Sheet:
 
     def finished(self, layers: Sequence[alt.Chart], height: int, width: int | str = "container") -> Spec:
         """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
-        spec: Spec = alt.layer(*layers).to_dict(validate=False)
-        # The schema's address is no use to a page that is not to look anything up.
-        spec.pop("$schema", None)
-        # Each of these, set by Altair, is a copy of the whole chart.
+        # As parts of a whole: Altair would copy them again and again to find what they have in common.
+        part = {"top_level": False}
+        spec: Spec = {"layer": [layer.to_dict(validate=False, context=part) for layer in layers]}
         if self._chosen is not None:
-            bind = alt.BindDirect(element=f"#{self._control}", event="change")
-            choice = alt.VariableParameter(name=self._control, value=self._chosen, bind=bind)
-            spec["params"] = [*spec.get("params", []), choice.to_dict(validate=False)]
+            bind = {"element": f"#{self._control}", "event": "change"}
+            spec["params"] = [{"name": self._control, "value": self._chosen, "bind": bind}]
         size = {"width": width, "height": height, "background": "transparent"}
         return {**spec, **size, "config": _SETTINGS, "datasets": self._datasets}
 

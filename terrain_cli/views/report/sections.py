@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from altair.utils import schemapi
 
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import shown_samples, shown_segments
@@ -86,9 +85,7 @@ def of(
         ("where it fails", _failures),
     ):
         progress(name)
-        # Altair checks every part of a chart against the schema of Vega-Lite: for whoever writes charts.
-        with schemapi.debug_mode(arg=False):
-            sections.append(make(content))
+        sections.append(make(content))
     return sections, choices, content.chosen
 
 
