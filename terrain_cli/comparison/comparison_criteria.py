@@ -61,8 +61,8 @@ A finding is reported by itself, so it needs the stricter level. An alarm also n
 blocks."""
 FINDING_LEVEL = criterion(
     0.005,
-    "how often chance gives a finding this strong, over all drivers and shapes (with some 20 blocks the "
-    "bootstrap counts 2 to 5 times too few), or errors that stay alike for longer than noise lasts",
+    "how often chance gives a finding this strong, over all drivers and shapes; with some 20 blocks the "
+    "bootstrap counts 2 to 5 times too few",
     "finding_study, 1: with it 1 of 300 clean drives has a finding",
 )
 

@@ -27,8 +27,11 @@ _REACH = 3.7
 #: Decays of the longest noise of sensors after which it counts as forgotten: what takes longer is a misfit.
 _FORGETS = 3.0
 #: Correlations are looked at up to this many times that (judged). Of 1,200 series of noise that lasts up to
-#: 1 s, by filters of six kinds and at 10 to 100 Hz, the level of 0.005 then finds 0.3 % to go on.
+#: 1 s, by filters of six kinds and at 10 to 100 Hz, a level of 5 % then finds 3 % to go on.
 _SEEN = 4
+#: How often chance gives such correlations, or a variogram that rises as much: 95 % of χ² with two degrees of
+#: freedom is what the amplitudes of a misfit must take off the sum of squares.
+_LEVEL, _BY_CHANCE = 0.05, 5.99
 
 
 class NoiseLevel(NamedTuple):
@@ -47,36 +50,41 @@ def of_series(residual: Array, group: Index, second: float = 0.0) -> NoiseLevel:
     """Estimate the noise of an ordered residual, NaN where not known, with so many samples in a `second`.
 
     Where nothing goes on for longer than noise of sensors does, all of it is noise, whatever its spectrum.
-    Else its variogram tells: γ(h) = ½ E (e(t + h) − e(t))² of noise w² + a² (1 − ρʰ), white and first-order
-    correlated, levels off at w² + a² after a few samples; what a misfit adds rises with h, like h² where it
-    follows a smooth drive and like h where soil changes in patches (Cressie 1993, Statistics for Spatial
-    Data, section 2.4). The amplitudes are fitted, none of them negative, for a range of ρ.
+    Else its variogram tells, as it does in any case how long noise is remembered: γ(h), which is
+    ½ E (e(t + h) − e(t))², of noise w² + a² (1 − ρʰ), white and first-order correlated, levels off at
+    w² + a² after a few samples; what a misfit adds rises with h, like h² where it follows a smooth drive and
+    like h where soil changes in patches (Cressie 1993, Statistics for Spatial Data, section 2.4). The
+    amplitudes are fitted, none of them negative, for a range of ρ.
     Differences are not taken across groups, which are contiguous.
     """
     longest = max(LONGEST_LAG, int(_FORGETS * NOISE_LASTS * second))
     lags, gamma, pairs = _variogram(residual, group, longest)
     if len(lags) < 3 or not np.any(gamma > 0.0):
         return NoiseLevel(float(np.sqrt(gamma[0])) if len(lags) else np.nan, 0)
-    misfit = not _goes_on(residual, group, longest) >= criteria.FINDING_LEVEL
     scale = float(gamma.max())
     # The variance of γ(h) goes with γ² h: longer lags share their samples.
     weight = np.sqrt(pairs / lags) / np.maximum(gamma, 0.05 * scale)
     far = lags / lags[-1]
-    decays = _DECAYS[longest >= _DECAYS * (_REACH if misfit else _FORGETS)]
+    decays = _DECAYS[longest >= _DECAYS * _FORGETS]
     lasting = np.zeros((len(decays), len(lags)))
     lasting[1:] = 1.0 - np.exp(-lags / decays[1:, None])
     columns = np.stack(np.broadcast_arrays(np.ones_like(far), lasting, far, far**2), axis=-1)
-    amplitudes, left = _not_negative(columns[..., : 4 if misfit else 2] * weight[:, None], gamma * weight)
+    still, plain = _not_negative(columns[..., :2] * weight[:, None], gamma * weight)
+    far_enough = longest >= decays * _REACH
+    amplitudes, left = _not_negative(columns[far_enough] * weight[:, None], gamma * weight)
     place = int(np.argmin(left))
     if left[place] >= left[0] - criteria.MEMORY_BELIEVED:
         place = 0  # White noise
+    elif plain.min() < left[place] + _BY_CHANCE:
+        # Noise that lasts wanders by chance as a misfit would.
+        amplitudes, place = still, int(np.argmin(plain))
     decay, amplitude = float(decays[place]), amplitudes[place]
     variance = amplitude[0] + amplitude[1]
     share = amplitude[1] / variance if variance > 0.0 else 0.0
     forgotten = 0
     if decay > 0.0 and share > criteria.FORGOTTEN:
         forgotten = int(np.ceil(np.log(share / criteria.FORGOTTEN) * decay))
-    if not misfit:
+    if _goes_on(residual, group, longest) >= _LEVEL:
         return NoiseLevel(float(np.nanstd(residual)), forgotten)
     # A misfit that outweighs the noise can take all of the variogram, but not what jumps between samples.
     return NoiseLevel(max(float(np.sqrt(variance)), _jumps(residual, group)), forgotten)
@@ -92,7 +100,8 @@ def _goes_on(residual: Array, group: Index, forgotten: int) -> float:
     """
     covariance, pairs = _autocovariance(residual, group, _SEEN * forgotten)
     use = pairs[forgotten:] >= criteria.NOISE_SAMPLES
-    if not use.any() or covariance[0] <= 0.0:
+    # So few stretches speak neither for a misfit nor against it.
+    if pairs[0] < 2 * criteria.FEWEST_BLOCKS * forgotten or not use.any() or covariance[0] <= 0.0:
         return np.nan
     correlation = covariance / covariance[0]
     slowest = np.exp(-_FORGETS * np.arange(forgotten) / forgotten)
