@@ -77,6 +77,12 @@ class Dual(NDArrayOperatorsMixin):
         self.value = np.asarray(value, dtype=float)
         self.slopes: dict[str, Any] = dict(slopes)
 
+    def __getitem__(self, key: Any) -> Dual:
+        return Dual(
+            self.value[key],
+            {name: np.broadcast_to(slope, self.value.shape)[key] for name, slope in self.slopes.items()},
+        )
+
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
         """Apply a function of NumPy by the chain rule."""
         if method != "__call__" or kwargs:
