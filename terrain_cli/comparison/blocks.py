@@ -141,9 +141,7 @@ def webb_weights(draws: int, blocks: int, rng: np.random.Generator) -> Array:
     return np.concatenate([-WEBB, WEBB])[rng.integers(0, 6, (draws, blocks))]
 
 
-def max_test(
-    scores: Array, *, shrunk: float = 1.0, draws: int = DRAWS, seed: int = 0, chance: Array | None = None
-) -> MaxTest:
+def max_test(scores: Array, *, shrunk: float = 1.0, draws: int = DRAWS, seed: int = 0) -> MaxTest:
     """Test whether any of many scores is beyond chance.
 
     Blocks are taken as independent; nothing is assumed of what happens within one, nor of how the scores are
@@ -152,13 +150,10 @@ def max_test(
 
     `scores`, shape (blocks, m), are what each block adds to each score, whose expectation is 0 under the null
     hypothesis. `shrunk` is the standard deviation of the residuals behind them over that of the noise: a fit
-    takes its share of them block by block, but nothing off a score's sum. `chance`, of the same shape, are
-    scores of what is left when the strongest effect is taken off: what chance would give, where something
-    that is missing would pass for chance in the scores themselves.
+    takes its share of them block by block, but nothing off a score's sum.
     """
     blocks, count = scores.shape
-    noise = scores if chance is None else chance
-    squares = noise**2
+    squares = scores**2
     power = squares.sum(axis=0)
     known = power > 0.0
     t, p_values = np.zeros(count), np.ones(count)
@@ -166,7 +161,7 @@ def max_test(
         return MaxTest(t, p_values)
     scale = np.sqrt(power[known])
     # Unit scale first: scores of different channels differ by orders of magnitude.
-    inside, squares = noise[:, known] / scale, squares[:, known] / scale**2
+    inside, squares = scores[:, known] / scale, squares[:, known] / scale**2
     t[known] = shrunk * scores[:, known].sum(axis=0) / scale
     rng = np.random.default_rng(seed)
     largest = np.empty(draws)

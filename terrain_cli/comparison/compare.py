@@ -19,7 +19,8 @@ from terrain_cli.comparison.comparison_outcome import (
     WheelComparison,
 )
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fitted_wheel import QUIETED, FittedWheel
+from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.smoothed_channels import QUIETED
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.quantities import counted, the_wheel
@@ -244,7 +245,7 @@ def _blocks(wheels: Sequence[FittedWheel]) -> tuple[list[Index], Index | None]:
 
     Returns the block of each usable sample of each wheel; and the chain of each block, if they may be joined.
     """
-    memory = max(wheel.memory for wheel in wheels)
+    memory = min(max(wheel.memory for wheel in wheels), criteria.LONGEST_MEMORY)
     longer = max(criteria.BLOCK_SAMPLES, criteria.BLOCK_MEMORIES * (memory + 1))
     shortest = longer if any(wheel.ordered for wheel in wheels) else 1
     inputs: dict[str, list[int]] = {}
@@ -298,7 +299,7 @@ def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: i
     errors = {
         name: _errors(name, [(one, block)], wheel.noise[name].deviation, seed) for name, one in series.items()
     }
-    samples, segment, quiet = wheel.windows.samples, wheel.segment, wheel.quiet(wheel.gap)
+    samples, segment, quiet = wheel.windows.samples, wheel.segment, wheel.quiet(wheel.gaps)
     bounds = np.searchsorted(segment, np.arange(int(segment.max(initial=-1)) + 2))
     return WheelComparison(
         source=samples.source,

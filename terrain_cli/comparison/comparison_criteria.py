@@ -49,7 +49,9 @@ SMALLEST_FINDING = criterion(
 """How many standard errors are significant?
 The more is tried, or the stronger the statement, the more are required. The values are judged."""
 AS_GOOD = criterion(
-    1.0, "a model within this distance is as good as the other, and so is one soil instead of several"
+    1.0,
+    "a model within this distance is as good as the other; so is one soil instead of several, and a wider "
+    "gap between samples and the neighbours they are interpolated from",
 )
 MOVED = criterion(3.0, "c, φ or a parameter has moved between two models if it differs by more")
 ANSWERS_TO_LOAD = criterion(4.0, "test points calibrate the load only if they respond to it by more")
@@ -100,7 +102,8 @@ MEMORY_BELIEVED = criterion(
     "samples",
 )
 LONGEST_MEMORY = criterion(
-    25, "longest correlation time, in samples, that is learnt from neighbouring samples"
+    25,
+    "longest correlation time, in samples, that is learnt from neighbouring samples; 1 s if that is more",
 )
 NOISE_SAMPLES = criterion(30, "samples, or pairs of samples, needed to estimate a noise or a correlation")
 NOISE_POINTS = criterion(

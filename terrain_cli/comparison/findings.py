@@ -92,7 +92,7 @@ class Residuals:
 
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
-        channels, drivers = wheel.smoothed(wheel.gap, rows)
+        channels, drivers = wheel.smoothed(wheel.gaps, rows)
         known = is_quiet(channels)
         local, own = len(wheel.soil), len(wheel.common)
         slopes = {}

@@ -18,7 +18,7 @@ from terrain_cli.comparison import (
     smoothed_model,
     whitening,
 )
-from terrain_cli.estimation.wheel_fit import fit
+from terrain_cli.estimation.wheel_fit import NOISE_LASTS, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.windows.cut_windows import at_rows, by_terrain
 
@@ -35,10 +35,8 @@ if TYPE_CHECKING:
     from terrain_cli.windows.cut_windows import Windows
 
 
-#: What is interpolated: the speeds have the noise of the slip that is computed from them.
-QUIETED = (*smoothed_channels.NOISY, "velocity", "angular_velocity")
 #: Channels that a model without effects reads, explains or is compared with.
-_READ = (*QUIETED, "torque", "drawbar_pull")
+_READ = (*smoothed_channels.QUIETED, "torque", "drawbar_pull")
 #: Samples that tell over which gap channels are interpolated best (judged).
 _TELL = 1_000
 #: Most samples to which one soil is fitted.
@@ -177,8 +175,9 @@ class FittedWheel:
         It is whitened by `white`, which is made of what is left; if not given, by what changes from sample
         to sample in the channels.
         """
+        quiet = self.quiet(smoothed_channels.GAPS)
         known, use = smoothed_channels.without_noise(
-            self.record, self.quiet(smoothed_channels.GAP), load_tells_sinkage=self.model.base == "wong-reece"
+            self.record, quiet, load_tells_sinkage=self.model.base == "wong-reece"
         )
         blocks = max(len(self) // criteria.MISFIT_SAMPLES, 1) if self.ordered else len(self)
         return smoothed_model.SmoothedData(
@@ -280,7 +279,7 @@ class FittedWheel:
         Of these without their own noise: an effect that reads a pull with the noise of the load would take
         that noise off the load.
         """
-        return self._read(smoothed_channels.GAP)
+        return self._read(smoothed_channels.GAPS)
 
     @cached_property
     def _from_conditions(self) -> dict[str, Array]:
@@ -292,16 +291,13 @@ class FittedWheel:
             if name in wanted and name in self.channels
         }
 
-    def _read(self, gap: int) -> dict[str, Array]:
+    def _read(self, gaps: Mapping[str, int]) -> dict[str, Array]:
         read = self.channels | self._from_conditions
         for name, column in self._from_conditions.items() if self.ordered else ():
-            around = self._from_neighbours(column, gap)
+            around = smoothed_channels.from_neighbours(column, self.group, gap=gaps["load"])
             # A sample without a neighbour has nothing else.
             read[name] = np.where(np.isfinite(around), around, column)
         return read
-
-    def _from_neighbours(self, column: Array, gap: int) -> Array:
-        return smoothed_channels.from_neighbours(column, self.group, gap=gap, reach=max(3, gap // 2))
 
     @cached_property
     def measured(self) -> dict[str, Array]:
@@ -322,7 +318,7 @@ class FittedWheel:
     def noise(self) -> dict[str, residual_noise.NoiseLevel]:
         """Noise of the residuals."""
         if self.ordered:
-            return residual_noise.of_all(self.residuals, self.group, self.windows)
+            return residual_noise.of_all(self.residuals, self.group, self.second)
         table = self.run_under
         levels = {}
         for name, error in self.residuals.items():
@@ -337,64 +333,68 @@ class FittedWheel:
         """Slip and load of steady test points, else slip and sinkage, as `Record.conditions`."""
         return self.record.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
 
+    @cached_property
+    def second(self) -> float:
+        """Samples in a second; 0 without a clock."""
+        time = self.windows.samples.time
+        return samples_a_second(None if time is None else time[self.windows.rows])
+
     @property
     def memory(self) -> int:
         """Samples after which the noise of all channels is another one."""
-        return min(
-            max((level.forgotten for level in self.noise.values()), default=0), criteria.LONGEST_MEMORY
-        )
+        longest = max(criteria.LONGEST_MEMORY, int(NOISE_LASTS * self.second))
+        return min(max((level.forgotten for level in self.noise.values()), default=0), longest)
 
     @cached_property
     def drivers(self) -> dict[str, Driver]:
         """What the residuals may follow."""
         return drivers.of_wheel(self.windows)
 
-    def quiet(self, gap: int) -> dict[str, Array]:
+    def quiet(self, gaps: Mapping[str, int]) -> dict[str, Array]:
         """Return channels of the usable samples, shape (n,), as effects may read them, without their noise.
 
-        Load, sinkage, slip and speeds come from their neighbours, of which `gap` on either side are left
+        Load, sinkage, slip and speeds come from their neighbours, of which `gaps` on either side are left
         out; torque and pull from the conditions.
         """
-        if not self.ordered:
-            return dict(self.read)
-        return {
-            name: self._from_neighbours(column, gap) if name in QUIETED else column
-            for name, column in self._read(gap).items()
-        }
+        read = self._read(gaps)
+        for name in gaps if self.ordered else ():
+            if name in read:
+                read[name] = smoothed_channels.from_neighbours(read[name], self.group, gap=gaps[name])
+        return read
 
     @cached_property
-    def gap(self) -> int:
-        """Samples left out on either side where load and slip are interpolated to explain residuals.
+    def gaps(self) -> dict[str, int]:
+        """Samples of each channel left out on either side where it is interpolated to explain residuals."""
+        # The noise of a load may last longer than what is left, of which it is a part.
+        most = max(self.memory, int(NOISE_LASTS * self.second)) if self.memory else 0
+        return smoothed_channels.best_gaps(most, self._misfit)
 
-        Noise is forgotten after `memory` samples. But over so wide a gap what changes fast is lost, and a
-        misfit that lasts makes it wider still: of halved gaps, the one whose channels predict best.
+    def _misfit(self, gaps: Mapping[str, int]) -> Array:
+        """Return the squares that predictions from interpolated channels leave, over the residuals'.
+
+        They are those of some parts of the samples.
         """
-        halved = [self.memory >> times for times in range(self.memory.bit_length() + 1)]
-        return min(halved, key=self._misfit) if self.memory else 0
-
-    def _misfit(self, gap: int) -> float:
-        """Return the squares that predictions from interpolated channels leave, over the residuals'."""
         rows = np.arange(0, len(self), max(1, len(self) // _TELL))
-        channels, _ = self.smoothed(gap, rows)
-        total = 0.0
+        channels, _ = self.smoothed(gaps, rows)
+        total = np.zeros(len(rows))
         found = prediction.values(self.model, self.geometry, channels, self._some(rows))
         for name, predicted in found.items():
             usual, left = self.residuals[name][rows], self.measured[name][rows] - predicted
             left = np.where(np.isfinite(left), left, 2.0 * usual)
-            total += float(np.nansum(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny))
-        return total
+            total += np.nan_to_num(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny)
+        return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
-    def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
+    def smoothed(self, gaps: Mapping[str, int], rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return channels and drivers of some usable samples, without the samples' own noise.
 
-        Load and slip are interpolated from neighbours, of which `gap` on either side are left out; the
+        Load and slip are interpolated from neighbours, of which `gaps` on either side are left out; the
         sinkage is the model's own under these two, as soil that varies would otherwise be in the sinkage of
         neighbours and in the residual alike. Steady test points have no neighbours: their load and slip are
         set, and count as exact.
         """
-        channels = {name: column[rows] for name, column in self.quiet(gap).items()}
+        channels = {name: column[rows] for name, column in self.quiet(gaps).items()}
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
         found = {name: driver.values[rows] for name, driver in self.drivers.items()}
-        return channels, found | {name: channels[name] for name in QUIETED if name in found}
+        return channels, found | {name: channels[name] for name in smoothed_channels.QUIETED if name in found}

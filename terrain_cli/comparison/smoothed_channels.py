@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import blocks, residual_noise, whitening
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison import residual_noise, whitening
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: Channels whose noise reaches the predictions, in the order in which the fit takes them.
 NOISY = ("load", "sinkage", "slip")
+#: What is interpolated: the speeds have the noise of the slip that is computed from them.
+QUIETED = (*NOISY, "velocity", "angular_velocity")
 #: Ways in which a channel is interpolated for a fit: samples left out beside each, and samples averaged.
 _WAYS = ((2, 3), (1, 2), (0, 1))
 #: Share by which a channel grows with the load, over the load's own: sinkage by 1 / (n + ½) of an ordinary
@@ -28,7 +30,7 @@ _ANSWERS = {"sinkage": 0.75, "torque": 1.0}
 #: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
 _MOST_SHARE = 1.5
 #: Samples left out on either side where channels are first interpolated from their neighbours.
-GAP = _WAYS[0][0]
+GAPS = dict.fromkeys(QUIETED, _WAYS[0][0])
 #: Channels that change pull and torque in proportion, beside slip.
 _CAUSES = ("load", "sinkage", "pitch", "acceleration")
 #: Places between which pull and torque are straight in slip, at most; and samples for each.
@@ -172,7 +174,25 @@ def _answered(record: RecordedWheel, name: str, growth: float) -> float:
     return float(np.clip(felt, 0.0, np.var(own)))
 
 
-def from_neighbours(values: Array, group: Index, *, gap: int, reach: int) -> Array:
+def best_gaps(most: int, misfit: Callable[[Mapping[str, int]], Array]) -> dict[str, int]:
+    """Choose how many samples of each channel are left out beside a sample where its neighbours tell it.
+
+    Neighbours share noise that lasts; over too wide a gap what changes fast is lost. Taken is the widest of
+    halved gaps, `most` at first, with which `misfit`, of parts of the samples, is as small as with the best.
+    That is another one for a load that hardly varies than for a slip that changes fast.
+    """
+    halved = [most >> times for times in range(most.bit_length() + 1)]
+    chosen = dict.fromkeys(QUIETED, 0)
+    for names in (QUIETED, ("load",), tuple(name for name in QUIETED if name != "load")) if most else ():
+        each = {gap: misfit({**chosen, **dict.fromkeys(names, gap)}) for gap in halved}
+        least = min(each.values(), key=lambda parts: float(parts.sum()))
+        good = criteria.AS_GOOD
+        gap = next(g for g, parts in each.items() if (d := parts - least).sum() <= good * blocks.error(d))
+        chosen.update(dict.fromkeys(names, gap))
+    return chosen
+
+
+def from_neighbours(values: Array, group: Index, *, gap: int, reach: int = 0) -> Array:
     """Interpolate each sample from its neighbours, itself and the nearest ones left out.
 
     As far as noise is forgotten within `gap` samples, the result has none of the sample's own. Means
@@ -180,10 +200,10 @@ def from_neighbours(values: Array, group: Index, *, gap: int, reach: int) -> Arr
     of a group only the nearer ones count, or those of one side.
 
     `gap` samples are left out on either side (0: only the sample itself), and `reach` averaged at each
-    place. Values, shape (n,), are NaN where not known, and the result where there is no neighbour. Samples of
-    different groups are no neighbours; a group is contiguous.
+    place, by default half as many, and three at least. Values, shape (n,), are NaN where not known, and the
+    result where there is no neighbour. Samples of different groups are no neighbours; a group is contiguous.
     """
-    n = len(values)
+    n, reach = len(values), reach or max(3, gap // 2)
     if n == 0:
         return np.zeros(0)
     starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))

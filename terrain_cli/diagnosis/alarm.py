@@ -59,20 +59,9 @@ def of_gain_in_most(gain: Array) -> float:
     return min(of_gain(gain), of_gain(gain / (usual + np.abs(gain)))) if usual > 0.0 else of_gain(gain)
 
 
-def of_gain_of_points(gain: Array) -> float:
-    """Return the same for steady points: no less than how often chance has all of them gain, or the mean.
-
-    The scores of a drive rest on many short stretches besides; those of a few points on nothing else, and
-    gains that are weighed alike beyond the median say little more than that all of them gain.
-    """
-    return max(of_gain_in_most(gain), min(of_gain(gain), 0.5 ** len(gain)))
-
-
-def at_level(data: Ground, gain: Array) -> float:
+def at_level(gain: Array) -> float:
     """Return how often chance gives such a gain, as a p-value that counts against the level of scores."""
-    if any(wheel.ordered for wheel in data.wheels):
-        return of_gain_in_most(gain) / criteria.GAINED * criteria.LEVEL
-    return of_gain_of_points(gain) / criteria.GAINED_STEADY * criteria.LEVEL
+    return of_gain_in_most(gain) / criteria.GAINED * criteria.LEVEL
 
 
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
@@ -196,10 +185,9 @@ def _of_fitted_gain(wheels: Sequence[FittedWheel], block: Sequence[Index], first
     data = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
     data = refits.with_noise_of(data, refits.refit(data, first))
     gain = refits.refit(data, None).loss - refits.refit(data, first).loss
-    return of_gain_in_most(gain) * criteria.LEVEL / criteria.GAINED
+    return at_level(gain)
 
 
 def of_scores(found: Screened, first: str) -> float:
     """Return how often chance gives such scores, and to the first effect such a gain on held-out blocks."""
-    gain = of_gain_in_most(found.held_out_gain(first))
-    return max(min(found.p_values.values()), gain * criteria.LEVEL / criteria.GAINED)
+    return max(min(found.p_values.values()), at_level(found.held_out_gain(first)))

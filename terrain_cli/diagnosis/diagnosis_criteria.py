@@ -50,11 +50,6 @@ GAINED = criterion(
     "only there, and no test of the mean is then sure",
     "with both levels, false alarms on clean logs: 0.2 to 2.0 % (diagnosis_study), 0 of 150 (alarm_study)",
 )
-GAINED_STEADY = criterion(
-    0.016,
-    "the same for steady test points, whose scores are large by chance too often",
-    "arithmetic: by chance, all of six blocks gain in one case of 64",
-)
 TIED = criterion(
     0.05, "an effect belongs to the family if it is as good as the best in this share of the draws"
 )

@@ -110,7 +110,7 @@ def _noise(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> whiten
         name: np.where(data.use, column - found[name], np.nan) for name, column in data.measured.items()
     }
     if wheel.ordered:
-        noise = residual_noise.of_all(errors, wheel.group, wheel.windows)
+        noise = residual_noise.of_all(errors, wheel.group, wheel.second)
         levels = {name: level.deviation for name, level in noise.items()}
         # A misfit that lasts can hide the noise, which is not less than that of the channels themselves.
         least = whitening.of_channels(wheel.measured, wheel.group)

@@ -152,29 +152,33 @@ def screen(
     found.blocks = np.concatenate(
         [one[:, part.testable] for one, part in zip(left, parts, strict=True)], axis=1
     )
-    chance = [part.short.blocks for part in parts]
-    for place, wheel in enumerate(wheels):
-        if not wheel.ordered:
-            # No draw of the signs of a few points exceeds the root of their number, however strong an effect.
-            chance[place] = np.zeros_like(chance[place])
-            chance[place][: len(left[place])] = left[place]
-    # Of drives alone: the chance of steady points is drawn from what the strongest effect leaves.
-    even = [part.testable & wheel.ordered for part, wheel in zip(parts, wheels, strict=True)]
-    short = [part.short for part in parts]
-    for place, part in enumerate(parts):
-        if longer := part.in_longer_blocks(best):
-            short[place], chance[place] = longer, longer.blocks
-            even[place] = np.zeros_like(even[place])
+    longer = [part.in_longer_blocks(best) for part in parts]
+    # Of drives alone: each steady point is a stretch of its own.
+    even = [
+        part.testable & (wheel.ordered and other is None)
+        for part, wheel, other in zip(parts, wheels, longer, strict=True)
+    ]
     found_of = signatures.test(
-        [*short, *(part.even for part in parts)],
+        [*(other or part.short for part, other in zip(parts, longer, strict=True)), *(p.even for p in parts)],
         [*(part.testable for part in parts), *even],
-        [*chance, *(part.even.blocks for part in parts)],
         seed=seed,
     )
     tests = [
         (np.where(np.abs(t_even) > np.abs(t), t_even, t), np.minimum(p, p_even))
         for (t, p), (t_even, p_even) in zip(found_of[: len(parts)], found_of[len(parts) :], strict=True)
     ]
+    few = [
+        place
+        for place, (wheel, own) in enumerate(zip(wheels, block, strict=True))
+        if not wheel.ordered and len(np.unique(own)) == len(wheel) < criteria.POINTS_ENOUGH
+    ]
+    of_points = signatures.test_of_points(
+        [(parts[place].evidence, parts[place].window) for place in few],
+        [parts[place].left * parts[place].testable for place in few],
+        seed=seed,
+    )
+    for place, tested in zip(few, of_points, strict=True):
+        tests[place] = tested
     for one in hypotheses:
         if not one.effects:
             _assumed(found, one)
@@ -260,9 +264,9 @@ class _Columns:
             start += count
             tables.append(known.whitened(signature.tables, count))
         columns = np.concatenate(tables, axis=2)
-        self.block = block[rows]
+        self.block, self.window = block[rows], wheel.window[rows]
         self.scores, self.left = signatures.scores(
-            known.residual, known.soil, columns, wheel.window[rows], self.block, blocks
+            known.residual, known.soil, columns, self.window, self.block, blocks
         )
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
         self.short_block, count = signatures.short_blocks(wheel, rows, self.block, blocks)

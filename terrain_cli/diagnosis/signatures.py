@@ -65,7 +65,7 @@ class SignatureEvidence(NamedTuple):
 
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
-    channels, _ = wheel.smoothed(wheel.gap, rows)
+    channels, _ = wheel.smoothed(wheel.gaps, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
@@ -187,15 +187,7 @@ def scores(
     derivatives by what was fitted, window by window. Also returns what is left of the columns when the soil
     is fitted anew.
     """
-    windows = int(window.max(initial=-1)) + 1
-    found = normal_equations.eliminate(
-        normal_equations.products(soil, soil, window, windows),
-        normal_equations.products(soil, columns, window, windows),
-        normal_equations.pseudo_inverse,
-    )
-    rest = columns.copy()
-    for label, gain in enumerate(found.gain):
-        rest[window == label] += soil[window == label] @ gain
+    rest = beyond_soil(columns, soil, window)
     result = normal_equations.products(rest, residual[..., None], block, blocks)[..., 0]
     cross, squares = np.tensordot(rest, rest, axes=((0, 1), (0, 1))), (columns**2).sum(axis=(0, 1))
     fitted = soil.shape[2] * len(np.unique(window))
@@ -209,6 +201,20 @@ def scores(
         ),
         rest,
     )
+
+
+def beyond_soil(columns: Array, soil: Array, window: Index) -> Array:
+    """Return what is left of columns, shape (n, c, m), when the soil of each window is fitted anew."""
+    windows = int(window.max(initial=-1)) + 1
+    found = normal_equations.eliminate(
+        normal_equations.products(soil, soil, window, windows),
+        normal_equations.products(soil, columns, window, windows),
+        normal_equations.pseudo_inverse,
+    )
+    rest = columns.copy()
+    for label, gain in enumerate(found.gain):
+        rest[window == label] += soil[window == label] @ gain
+    return rest
 
 
 def short_blocks(wheel: FittedWheel, rows: Index, block: Index, blocks: int) -> tuple[Index, int]:
@@ -263,18 +269,44 @@ def of_short_blocks(
 
 
 def test(
-    several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], chance: Sequence[Array], *, seed: int
+    several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], *, seed: int
 ) -> list[tuple[Array, Array]]:
     """Test all columns of all wheels, over the same blocks, together against chance.
 
-    `chance` has the scores, shape (blocks, m), from which chance is drawn. Of each wheel: t and p-value of
-    every column; 0 and 1 where it is not tested.
+    Of each wheel: t and p-value of every column; 0 and 1 where it is not tested.
     """
-    table, drawn = (
-        np.concatenate([np.where(use, one, 0.0) for one, use in zip(tables, testable, strict=True)], axis=1)
-        for tables in ([one.blocks for one in several], chance)
+    table = np.concatenate(
+        [np.where(use, one.blocks, 0.0) for one, use in zip(several, testable, strict=True)], axis=1
     )
     shrunk = min(one.shrunk for one in several)
-    found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed, chance=drawn)
+    found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed)
     ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
     return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))
+
+
+def test_of_points(
+    several: Sequence[tuple[SignatureEvidence, Index]], left: Sequence[Array], *, seed: int
+) -> list[tuple[Array, Array]]:
+    """Test what is `left` of the columns of wheels at a few steady points, each with its windows, as `test`.
+
+    No draw of the signs of a few points tells chance: a column may take nearly all that the soil leaves of
+    any of them. Drawn is normal noise in all channels, of which the soil takes its part as of the residual
+    (Freedman & Lane 1983, Journal of Business & Economic Statistics 1, 292); the share of it that a column
+    takes does not depend on its size.
+    """
+    rng = np.random.default_rng(seed)
+    shares, free = [], []
+    for (known, window), columns in zip(several, left, strict=True):
+        noise = rng.standard_normal((*known.known.shape, DRAWS)) * known.known[..., None]
+        every = beyond_soil(np.concatenate([known.residual[..., None], noise], axis=2), known.soil, window)
+        size = np.sqrt((columns**2).sum(axis=(0, 1)))[:, None] * np.sqrt((every**2).sum(axis=(0, 1)))
+        shares.append(np.tensordot(columns, every, axes=((0, 1), (0, 1))) / np.maximum(size, 1e-300))
+        free.append(np.count_nonzero(known.known) - known.soil.shape[2] * len(np.unique(window)) - 1)
+    most = np.max([np.abs(one[:, 1:]).max(axis=0, initial=0.0) for one in shares], axis=0, initial=0.0)
+    tests = []
+    for share, number in zip(shares, free, strict=True):
+        own = share[:, 0]
+        beyond = np.count_nonzero(most >= np.abs(own)[:, None] * (1.0 - 1e-12), axis=1)
+        t = own * np.sqrt(max(number, 1) / np.maximum(1.0 - own**2, 1e-12))
+        tests.append((t, (1.0 + beyond) / (1.0 + DRAWS)))
+    return tests

@@ -156,7 +156,7 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     laws = [one for one in ranked.drafts[:1] if float((one.refit.loss - least.loss).sum()) < 0.0]
     gain = ranked.base.loss - (laws[0].refit if laws else least).loss
     told = next((one for one in laws if refit_ranking.beats(one.refit, least)), None)
-    p_value = max(before.p_value, alarm.at_level(ranked.data, gain))
+    p_value = max(before.p_value, alarm.at_level(gain))
     shares = alarm.shares(ranked.data, ranked.base, told.refit if told else least)
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)

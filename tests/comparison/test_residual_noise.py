@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfilt
 
 from terrain_cli.comparison.residual_noise import between, of_neighbours, of_points, of_series
 
@@ -117,3 +117,27 @@ def test_noise_that_lasts_as_long_as_that_of_sensors_is_no_misfit(rate, lasts):
     found = [of_series(autoregressive(np.exp(-1.0 / (rate * lasts)), s, n), one(n), rate) for s in range(8)]
     assert np.mean([level.deviation for level in found]) == pytest.approx(1.0, rel=0.1)
     assert np.mean([level.forgotten for level in found]) == pytest.approx(2.3 * lasts * rate, rel=0.35)
+
+
+@pytest.mark.parametrize("rate", [25.0, 100.0])
+def test_noise_of_any_spectrum_is_no_misfit(rate):
+    """A filter in the sensor leaves a noise as smooth as a misfit that follows the drive."""
+    n = int(60.0 * rate)
+    for seed in range(4):
+        white = np.random.default_rng(seed).normal(size=2 * n)
+        smooth = sosfilt(butter(3, 0.5, output="sos", fs=rate), white)[n:]
+        level = of_series(smooth, one(n), rate)
+        assert level.deviation == pytest.approx(np.std(smooth), rel=0.05)
+
+
+def test_noise_alone_is_known_as_well_as_the_residual():
+    residual = autoregressive(0.8, 7)
+    assert of_series(residual, one(), 20.0).deviation == pytest.approx(np.std(residual), rel=1e-9)
+
+
+def test_a_misfit_is_seen_in_many_runs():
+    """Each of 20 runs is long enough to show that its error goes on."""
+    time = np.arange(N) / 20.0
+    group = np.repeat(np.arange(20), N // 20)
+    residual = np.random.default_rng(8).normal(size=N) + 2.0 * np.sin(2.0 * np.pi * time / 9.0)
+    assert of_series(residual, group, 20.0).deviation == pytest.approx(1.0, rel=0.1)

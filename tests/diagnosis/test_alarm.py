@@ -7,7 +7,7 @@ from scipy import stats
 
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnose
-from terrain_cli.diagnosis.alarm import of_gain, of_gain_in_most, of_gain_of_points, of_points
+from terrain_cli.diagnosis.alarm import of_gain, of_gain_in_most, of_points
 from terrain_cli.models import ModelFile
 
 
@@ -66,18 +66,6 @@ def test_blocks_that_nearly_all_gain_are_no_chance_though_one_gains_most():
     assert of_gain_in_most(most) < 1e-4
     # One that gains alone, where the others lose what a needless parameter costs, may be chance.
     assert of_gain_in_most(np.append(rng.normal(-1.0, 2.0, 19), 4000.0)) > 0.1
-
-
-def test_few_points_count_the_mean_of_their_gains_or_that_all_of_them_gain():
-    alike = np.array([1.02, 1.6, 0.64, 1.06, 1.26])
-    assert of_gain_of_points(alike) == pytest.approx(of_gain(alike))
-    assert of_gain(alike) < 0.002
-    # One gains most: weighed alike beyond the median they would pass for rarer than five signs.
-    apart = np.array([4.79, 0.5, 1.06, 0.25, 6.08])
-    assert of_gain_in_most(apart) < 0.01
-    assert of_gain_of_points(apart) == 1.0 / 32.0
-    # At the level of `GAINED_STEADY` the signs of six are enough.
-    assert of_gain_of_points(np.append(apart, 1.1)) == 1.0 / 64.0
 
 
 @pytest.mark.parametrize("gain", [[4.0], [0.0, 0.0, 0.0]])

@@ -99,11 +99,25 @@ def test_points_and_drives_that_are_scored_together_have_as_many_blocks(blocks, 
     np.testing.assert_array_equal(kept, block)
 
 
-def test_a_few_points_show_a_strong_effect_beside_what_it_leaves_alone():
-    left = np.random.default_rng(5).normal(size=(5, 1))
-    effect = np.array([[0.0], [1.0], [4.0], [9.0], [16.0]])
-    wheel, use = SimpleNamespace(blocks=left + effect, shrunk=1.0), np.array([True])
-    ((_, own),) = signatures.test([wheel], [use], [wheel.blocks], seed=1)
-    ((_, beside),) = signatures.test([wheel], [use], [left], seed=1)
-    assert beside[0] < 0.01
-    assert own[0] > 0.05
+def of_points(seed, effect=0.0):
+    """Test eight signatures on three channels of six steady points, of which a soil has four parameters."""
+    rng = np.random.default_rng(seed)
+    columns, soil = rng.normal(size=(6, 3, 8)), rng.normal(size=(6, 3, 4))
+    window, known = np.zeros(6, dtype=int), np.ones((6, 3), dtype=bool)
+    residual = signatures.beyond_soil(
+        (rng.normal(size=(6, 3)) + effect * columns[..., 2])[..., None], soil, window
+    )[..., 0]
+    white = Whitening(("torque", "drawbar_pull", "sinkage"), np.eye(3))
+    evidence = SignatureEvidence({}, white, residual, known, soil)
+    left = signatures.beyond_soil(columns, soil, window)
+    ((_, p_values),) = signatures.test_of_points([(evidence, window)], [left], seed=seed)
+    return p_values
+
+
+def test_chance_gives_scores_of_a_few_points_as_often_as_is_said():
+    least = [of_points(seed).min() for seed in range(200)]
+    assert np.mean(np.array(least) < 0.1) == pytest.approx(0.1, abs=0.05)
+
+
+def test_a_few_points_show_a_strong_effect():
+    assert all(np.argmin(of_points(seed, 10.0)) == 2 and of_points(seed, 10.0)[2] < 0.01 for seed in range(5))
