@@ -170,12 +170,18 @@ class TestWrongEffect:
         assert models.load("model.toml").effects == ()
 
 
-def test_what_did_not_pay_is_not_proposed_again(here, model, terrain_est_here):
-    """By any verb, for the same data and the same model."""
+def test_what_was_tried_in_vain_is_not_proposed_again(here, model, terrain_est_here):
+    """By any verb, for the same data and the same model, where the history says so."""
+    before = Path("model.toml").read_bytes()
     told = model("add", "model.toml", "drivetrain-friction", "--data", "sinks.csv", *CUT).splitlines()
     assert "drivetrain-friction is not added" in told[0]
-    file = models.load("model.toml")
-    assert (file.effects, file.history[0]["kept"]) == ((), False)
+    assert Path("model.toml").read_bytes() == before
+    with Path("model.toml").open("ab") as file:
+        file.write(
+            b'[[history]]\naction = "add"\nchanged = ["drivetrain-friction"]\nbecause = "it did not pay"\n'
+            b'base = "wong-reece"\neffects = []\nkept = false\n'
+            b'data = { sources = ["sinks.csv"], samples = 480 }\n'
+        )
     said = terrain_est_here("compare", "sinks.csv", "--model", "model.toml", *CUT).stdout.splitlines()[-1]
     assert said == told[-1]
     assert "drivetrain-friction was tried and does not pay. Next: terrain-est model add" in said
@@ -390,8 +396,8 @@ class TestMeasuredWheel:
     @pytest.mark.parametrize("effect", ["bulldozing", "drawbar-bias"])
     @pytest.mark.parametrize("slips", [" and slip >= 0", ""], ids=["driving", "all"])
     def test_a_wrong_effect_does_not(self, bench, model, effect, slips):
-        before = models.load("model.toml").effects
+        before = Path("model.toml").read_bytes()
         some = [word.replace(" and slip >= 0", slips) for word in bench]
         found = change(model, "add", "model.toml", effect, *some)
         assert (found["pays"], found["kept"]) == (False, False)
-        assert models.load("model.toml").effects == before
+        assert Path("model.toml").read_bytes() == before

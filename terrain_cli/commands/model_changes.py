@@ -98,12 +98,9 @@ def change(context: click.Context, action: Action) -> None:
         step = replace(step, confirmation=_tried(context, action, before, changed, given["confirm"]))
     asked_for = action == "remove" or given["keep"]
     step = replace(step, kept=(step.pays and step.confirmed) or asked_for)
-    asked = comparison_options.repeated(context, given["file"])
     if step.kept:
         _write(given["file"], changed.file, model_history.entry(step, change_text.reason(step)))
-    elif step.testable and not step.pays and change_text.concluded(step, asked).state != "fits":
-        # No verb has to propose it again for these data.
-        _write(given["file"], before, model_history.refusal(step, change_text.reason(step)))
+    asked = comparison_options.repeated(context, given["file"])
     _tell(context, change_text.text(step, asked), change_text.document(step, asked))
 
 
@@ -187,11 +184,10 @@ def add(context: click.Context, /, **_: Any) -> None:
     proved the effect: the stretches that may have named it, stretches that were kept aside
     (--keep-aside), or another drive (--confirm).
 
-    The effect is not added, unless --keep is given, if the held-out error falls significantly in no
+    FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
     channel, rises in one by more than it falls in others, or falls only with a parameter that is
     physically impossible (friction that drives the wheel). The reason is printed; the exit code is 0.
-    If the model still misses something, FILE notes the try, so that no command proposes the same for
-    these data again. Without --data the effect is added untested, which the history says too.
+    Without --data the effect is added untested, which the history says too.
     """
     given = context.params
     if given["confirm"]:
