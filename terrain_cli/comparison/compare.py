@@ -129,7 +129,8 @@ def of_fitted(
     """
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
-    levels = {name: _pooled_noise(fitted, name) for name in channels}
+    noise = [{name: wheel.noise[name].deviation for name in wheel.measured} for wheel in fitted]
+    levels = {name: _pooled_noise(fitted, noise, name) for name in channels}
     scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
     scale = {name: scale[name] for name in channels}
@@ -151,6 +152,9 @@ def of_fitted(
             label = residuals.join(chain)
             made = [label[block] for block in made]
         failures = residuals.findings(levels, seed)
+        if failures:
+            noise = residuals.noise_beside(noise, {one.channel for one in failures})
+            levels = {name: _pooled_noise(fitted, noise, name) for name in channels}
         failures += _between_segments(fitted, failures, levels, seed)
     ordered = any(wheel.ordered for wheel in fitted)
     why = "too few samples" if ordered else "too few test points were repeated"
@@ -161,7 +165,7 @@ def of_fitted(
     ]
     warnings += _unpredicted(fitted)
     progress("predicting blocks left out")
-    compared = [_compared(wheel, block, scale, seed) for wheel, block in zip(fitted, made, strict=True)]
+    compared = [_compared(*one, scale, seed) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
         model={"base": model.base, "effects": [effect.id for effect in model.effects]},
         wheels=compared,
@@ -221,12 +225,12 @@ def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
                 )
 
 
-def _pooled_noise(wheels: Sequence[FittedWheel], name: str) -> float:
+def _pooled_noise(wheels: Sequence[FittedWheel], noise: Sequence[Mapping[str, float]], name: str) -> float:
     """Average the wheels' noise, weighted by their samples."""
     known = [
-        (int(np.isfinite(wheel.residuals[name]).sum()), wheel.noise[name].deviation)
-        for wheel in wheels
-        if name in wheel.measured and np.isfinite(wheel.noise[name].deviation)
+        (int(np.isfinite(wheel.residuals[name]).sum()), levels[name])
+        for wheel, levels in zip(wheels, noise, strict=True)
+        if np.isfinite(levels.get(name, np.nan))
     ]
     total = sum(count for count, _ in known)
     return float(np.sqrt(sum(count * level**2 for count, level in known) / total)) if total else np.nan
@@ -290,15 +294,15 @@ def _runs(wheel: FittedWheel) -> Index:
     return np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
 
 
-def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: int) -> WheelComparison:
+def _compared(
+    wheel: FittedWheel, block: Index, noise: Mapping[str, float], scale: dict[str, float], seed: int
+) -> WheelComparison:
     known = {name: scale.get(name, 1.0) for name in wheel.measured}
     out = held_out.predict(wheel, block, known)
     series = {
         name: Series(column, wheel.predicted[name], out[name]) for name, column in wheel.measured.items()
     }
-    errors = {
-        name: _errors(name, [(one, block)], wheel.noise[name].deviation, seed) for name, one in series.items()
-    }
+    errors = {name: _errors(name, [(one, block)], noise[name], seed) for name, one in series.items()}
     samples, segment, quiet = wheel.windows.samples, wheel.segment, wheel.quiet(wheel.gaps)
     bounds = np.searchsorted(segment, np.arange(int(segment.max(initial=-1)) + 2))
     return WheelComparison(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import blocks, shapes
+from terrain_cli.comparison import blocks, residual_noise, shapes
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
@@ -218,6 +218,24 @@ class Residuals:
         misfit = sum(self._beyond_noise(search, name, noise[name]) for name in self.scale)
         found = search.forward(noise, self.counts, level=criteria.FINDING_LEVEL, taken=taken, seed=seed)
         return [self._finding(one, misfit) for one in found]
+
+    def noise_beside(
+        self, noise: Sequence[Mapping[str, float]], channels: Collection[str]
+    ) -> list[dict[str, float]]:
+        """Return the noise of each wheel's channels, of some of them beside what was found in them.
+
+        A misfit that is over within seconds, such as a ripple, passes for noise until it is found.
+        """
+        beside = []
+        for wheel, rows, beyond, levels in zip(
+            self.wheels, self.rows, self._search.wheels, noise, strict=True
+        ):
+            left = {name: column for name, column in beyond.residuals.items() if name in channels}
+            second = wheel.second / (rows[1] - rows[0]) if len(rows) > 1 else 0.0
+            found = residual_noise.of_all(left, wheel.group[rows], second) if wheel.ordered else {}
+            less = {name: float(np.fmin(one.deviation, levels[name])) for name, one in found.items()}
+            beside.append({**levels, **less})
+        return beside
 
     def _beyond_noise(self, search: Search, name: str, noise: float) -> float:
         """Weighted sum of squares of a channel's residuals, less what its noise makes of it."""

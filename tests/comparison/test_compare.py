@@ -222,3 +222,15 @@ def test_drivers_are_without_the_noise_that_is_in_the_predictions():
         measured, shown = (abs(np.corrcoef(residual, column)[0, 1]) for column in columns)
         assert shown < 0.1 * measured, (channel, driver)
         assert measured > 0.2, (channel, driver)
+
+
+def test_a_ripple_that_is_found_is_no_noise():
+    """It is over within seconds, as noise of sensors is; what is left beside it is the noise."""
+    calm = compare([windows_of(3, Kind(), "none")], Model()).channels["torque"].noise
+    ripple = Kind(effects={"grouser-ripple": {"torque_sine": 0.05}})
+    found = compare([windows_of(3, ripple, "none")], Model())
+    assert {one.driver for one in found.failures if one.channel == "torque"} == {"wheel_angle"}
+    torque = found.channels["torque"]
+    assert torque.noise == pytest.approx(calm, rel=0.1)
+    assert torque.heldout_rmse > 2.0 * torque.noise
+    assert found.wheels[0].errors["torque"].noise == torque.noise
