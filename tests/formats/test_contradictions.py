@@ -71,7 +71,7 @@ def test_an_impossible_log_time_of_a_database(tmp_path, number, shift):
     found = samples(source)
     assert found.items() <= whole.items()
     assert (len(found), source.recovery.aside, source.recovery.expected) == (2 * N - 1, 1, 2 * N)
-    assert "1 messages set aside" in "\n".join(source.remarks)
+    assert "1 message set aside, which contradicts itself" in "\n".join(source.remarks)
     assert "not there" not in "\n".join(source.remarks)
 
 
