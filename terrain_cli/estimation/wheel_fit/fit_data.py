@@ -88,6 +88,7 @@ class FitData:
     # Shape (w,): by how much larger the variances of all noise are taken to be than the sensors' own: 1
     # unless the model misses a window by more than noise
     excess: Array
+    steady: Mask  # Shape (n,): where the slip is held at its mean (`steady_slip`)
 
     @cached_property
     def count(self) -> Index:
@@ -112,6 +113,7 @@ class FitData:
             bounds=np.concatenate([[0], np.cumsum(count)]),
             windows=self.windows[windows],
             excess=self.excess[windows],
+            steady=self.steady[rows],
         )
 
     def rows_of(self, windows: Index) -> Index:
@@ -195,6 +197,7 @@ def collect(
             bounds=np.searchsorted(rows, bounds).astype(np.intp),
             windows=np.arange(len(bounds) - 1),
             excess=np.ones(len(bounds) - 1),
+            steady=np.zeros(len(rows), dtype=bool),
         ),
         rows,
     )

@@ -36,6 +36,7 @@ from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
+from terrain_cli.estimation.wheel_fit.steady_slip import EACH, steadied
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.estimation.wheel_fit.window_search import (
     ENOUGH,
@@ -67,8 +68,6 @@ _BY_CHANCE = 0.01
 _MOST = 0.1
 #: Passes in which the true values of the inputs come to rest.
 _PASSES = 3
-#: Samples of a window that tell noise from soil.
-_EACH = 30
 #: Rounds after which noise is left as it is where every window is lost: it does not settle on a misfit.
 _ROUNDS_LOST = 8
 #: Step in posterior standard deviations up to which one for each round of the noise will do. In 18 fits of
@@ -162,6 +161,8 @@ def fit(
     different length, or bounds that do not go from 0 to n.
     """
     data, rows = collect(model, channels, bounds, given)
+    if correlated and not by_differences:
+        data = steadied(data)
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     sought = unknowns(
@@ -328,7 +329,7 @@ def _learn(
         nothing = data.only(filled)
         return problem, 1.0, initial(nothing, *damped_search.centre(problem, nothing))
     most = learner.samples
-    chosen = filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))]
+    chosen = filled[np.unique(np.linspace(0, len(filled) - 1, most // EACH).astype(int))]
     sample = data.only(chosen).thinned(most // len(chosen))
     local, dof = len(problem.unknowns.local), 1.0
     state = initial(sample, *damped_search.centre(problem, sample))

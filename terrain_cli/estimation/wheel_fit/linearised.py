@@ -155,6 +155,8 @@ def equations(
     spread = np.sqrt(
         [problem.noise.variance(name, row) * excess for name, row in zip(data.inputs, latent, strict=True)]
     )
+    if data.steady.any():
+        spread[data.inputs.index("slip"), data.steady] = 0.0
     measured = np.array([data.channels[name] for name in data.inputs])
 
     # Columns: the residual, the unknowns, the inputs.
