@@ -152,8 +152,11 @@ def of_fitted(
             label = residuals.join(chain)
             made = [label[block] for block in made]
         failures = residuals.findings(levels, seed)
-        if failures:
-            noise = residuals.noise_beside(noise, {one.channel for one in failures})
+        if failures and all(wheel.ordered for wheel in fitted):
+            for known, beside in zip(
+                noise, residuals.noise_beside({one.channel for one in failures}), strict=True
+            ):
+                known.update({n: float(np.fmin(known[n], one.deviation)) for n, one in beside.items()})
             levels = {name: _pooled_noise(fitted, noise, name) for name in channels}
         failures += _between_segments(fitted, failures, levels, seed)
     ordered = any(wheel.ordered for wheel in fitted)

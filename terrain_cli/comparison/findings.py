@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from terrain_cli.comparison.fitted_wheel import FittedWheel
+    from terrain_cli.comparison.residual_noise import NoiseLevel
     from terrain_cli.comparison.residual_search import Found
     from terrain_cli.comparison.shapes import Shape
     from terrain_cli.vocabulary.arrays import Array, Index
@@ -78,9 +79,9 @@ class Residuals:
     ) -> None:
         self.wheels, self.scale, self.found = wheels, scale, found
         self.labels: dict[str, list[str]] = {}
-        stride = max(1, int(np.ceil(sum(len(wheel) for wheel in wheels) / MOST_SAMPLES)))
+        self.stride = max(1, int(np.ceil(sum(len(wheel) for wheel in wheels) / MOST_SAMPLES)))
         self.first = np.cumsum([0, *(len(wheel.windows) for wheel in wheels)])
-        self.rows = [np.arange(0, len(wheel), stride) for wheel in wheels]
+        self.rows = [np.arange(0, len(wheel), self.stride) for wheel in wheels]
         self.evidence = [self._of_wheel(index, block[index]) for index in range(len(wheels))]
         self.shapes = self._shapes()
         self.counts = {
@@ -185,14 +186,13 @@ class Residuals:
     @cached_property
     def _search(self) -> Search:
         """The search; what a change of the soil takes off is no misfit of the model."""
-        count = 1 + max(int(one.block.max(initial=-1)) for one in self.evidence)
         search = Search(
             self.evidence,
             # A channel that follows itself says nothing.
             {name: [one for one in self.shapes if one.driver != name] for name in self.scale},
             self.scale,
             precision=np.concatenate([_precision(wheel) for wheel in self.wheels]),
-            blocks=count,
+            blocks=1 + max(int(one.block.max(initial=-1)) for one in self.evidence),
         )
         search.refit([])
         return search
@@ -219,23 +219,19 @@ class Residuals:
         found = search.forward(noise, self.counts, level=criteria.FINDING_LEVEL, taken=taken, seed=seed)
         return [self._finding(one, misfit) for one in found]
 
-    def noise_beside(
-        self, noise: Sequence[Mapping[str, float]], channels: Collection[str]
-    ) -> list[dict[str, float]]:
-        """Return the noise of each wheel's channels, of some of them beside what was found in them.
+    def noise_beside(self, channels: Collection[str]) -> list[dict[str, NoiseLevel]]:
+        """Return the noise of some channels of each wheel beside what was found in them.
 
         A misfit that is over within seconds, such as a ripple, passes for noise until it is found.
         """
-        beside = []
-        for wheel, rows, beyond, levels in zip(
-            self.wheels, self.rows, self._search.wheels, noise, strict=True
-        ):
-            left = {name: column for name, column in beyond.residuals.items() if name in channels}
-            second = wheel.second / (rows[1] - rows[0]) if len(rows) > 1 else 0.0
-            found = residual_noise.of_all(left, wheel.group[rows], second) if wheel.ordered else {}
-            less = {name: float(np.fmin(one.deviation, levels[name])) for name, one in found.items()}
-            beside.append({**levels, **less})
-        return beside
+        return [
+            residual_noise.of_all(
+                {name: column for name, column in beyond.residuals.items() if name in channels},
+                wheel.group[rows],
+                wheel.second / self.stride,
+            )
+            for wheel, rows, beyond in zip(self.wheels, self.rows, self._search.wheels, strict=True)
+        ]
 
     def _beyond_noise(self, search: Search, name: str, noise: float) -> float:
         """Weighted sum of squares of a channel's residuals, less what its noise makes of it."""
@@ -369,11 +365,10 @@ def sentence_of(
 def _where(shape: Shape, driver: str, label: str, numbers: tuple[str, str, str, str]) -> str:
     """Say where a residual differs; nothing of a shape that it follows."""
     low, high, at, until = numbers
-    after = f" after {at}" if shape.driver == "time" else f" above {driver} {at}"
     told = {
         "constant": " throughout",
         "label": f" where {driver} is {label}, against the others",
-        "step": after,
+        "step": f" after {at}" if shape.driver == "time" else f" above {driver} {at}",
         "stretch": f" from {at} to {until}",
         "quadratic": f" at both ends of {driver}, {low} and {high}, against the middle",
     }

@@ -189,7 +189,7 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     table = [head, ["  " + base[0], *base[1:]]]
     if diagnosis.heldout:
         errors = [short(diagnosis.heldout.get(name, math.nan)) for name in channels]
-        table.append(["  (the same, soils as below)", "", "", *errors, ""])
+        table.append(["  (as it is, soils as below)", "", "", *errors, ""])
     table += rows
     legend = "* = cannot be told from the best; survives: share of it that no soil imitates"
     return [f"held-out error with each ({legend}):", *aligned(table)]
