@@ -158,7 +158,7 @@ def _is(step: Step) -> str:
 
 def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:
     """Return a change as it is written to JSON; `asked` is of the model file, for the next command."""
-    return {**_change(step), "conclusion": comparison_text.conclusion_document(concluded(step, asked))}
+    return {**_change(step), "conclusion": comparison_text.conclusion_document(_concluded(step, asked))}
 
 
 def _change(step: Step) -> dict[str, Any]:
@@ -204,7 +204,7 @@ def _change(step: Step) -> dict[str, Any]:
     }
 
 
-def concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
+def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
     """Conclude what is known of the model as it is after the decision."""
     now = step.second if step.kept else step.first
     refused = step.changed if step.action == "add" and not step.kept else ()
@@ -273,7 +273,7 @@ def text(step: Step, asked: Asked | None = None) -> str:
             f"errors after are given with the noise that reaches the base {step.before.model.base}"
         )
     lines += [f"note: {warning}" for warning in step.second.warnings]
-    return "\n".join([*lines, concluded(step, asked).sentence])
+    return "\n".join([*lines, _concluded(step, asked).sentence])
 
 
 def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> str:
