@@ -218,7 +218,7 @@ def compare(
         if len(files) == 1:
             return ComparisonResult(first)
         second = compared(windows, files[1], like=first, seed=seed)
-        return ComparisonResult(first, second, tuple(difference(first, second, seed=seed)))
+        return ComparisonResult(first, second, tuple(difference(first, second)))
 
 
 def report(

@@ -58,7 +58,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     if len(names) > 2:
         raise UsageError(f"--model is given {len(names)} times", hint="once, or twice for two side by side")
     files = [models.resolve(name) for name in names]
-    seed = given["seed"]
     with Progress(len(given["inputs"]) + len(files), enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, files, progress)
         outcomes: list[Comparison] = []
@@ -66,10 +65,10 @@ def command(context: click.Context, /, **_: Any) -> None:
             like = outcomes[0] if outcomes else None
             tell = partial(progress.say, str(file.path or file.model.base))
             soils = comparison_options.asked(given, cut, file)
-            outcomes.append(compared(cut, file, like=like, soils=soils, seed=seed, progress=tell))
+            outcomes.append(compared(cut, file, like=like, soils=soils, seed=given["seed"], progress=tell))
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
-    differences = against(first, second, seed=seed) if second else []
+    differences = against(first, second) if second else []
     asked = [comparison_options.repeated(context, name) for name in names]
     form = comparison_text.document if given["as_json"] else comparison_text.text
     say(form(first, second, differences, asked))

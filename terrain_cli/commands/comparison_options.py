@@ -40,7 +40,7 @@ cutting = options.together(
     options.value(
         "--seed N",
         click.IntRange(0),
-        "Seed of the resampling behind intervals and tests.",
+        "Seed of the random draws of the tests.",
         default=0,
         show_default=True,
     ),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+from terrain_cli.comparison.distributions import student_quantile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +26,16 @@ _SLAB = 500
 #: Joined blocks at the least, and how much longer than neighbours seem related on average they are. Over soil
 #: that varies every 8 s, 9 of 80 tuning drives raised an alarm with short blocks, and 2 of 38 with these.
 _FEWEST, _LONGER = 12, 4
+#: Keeps the logarithm of an error of 0 finite.
+_TINY = 1e-300
+
+
+class Interval(NamedTuple):
+    """A value with its 95 % interval; NaN where not known."""
+
+    value: float
+    low: float
+    high: float
 
 
 def fine(lengths: Sequence[int], shortest: int, *, most: int) -> list[Index]:
@@ -118,6 +130,32 @@ def squares(parts: Sequence[tuple[Series, Index]]) -> Array:
         found[:, 0] += np.bincount(block[known], error[known] ** 2, count)
         found[:, 1] += np.bincount(block[known], minlength=count)
     return found[found[:, 1] > 0.0]
+
+
+def logarithmic_roots(sums: Array) -> Array:
+    """Return the logarithms of root mean squares from sums of squares and their number, the last column."""
+    n = sums[..., -1:]
+    squares = np.maximum(sums[..., :-1], _TINY)
+    return 0.5 * np.log(np.divide(squares, n, out=np.full_like(squares, np.nan), where=n > 0.0))
+
+
+def jackknife_error(without: Array) -> float:
+    """Return the standard error of a value from what it is without each block; NaN where there is but one."""
+    n = len(without)
+    return float(np.sqrt((n - 1.0) / n * np.sum((without - without.mean()) ** 2))) if n > 1 else np.nan
+
+
+def jackknife(value: Any, without: Array) -> Interval:
+    """Return a value with its 95 % interval by Student's t, from what it is without each block."""
+    if len(without) < 2:
+        return Interval(float(value), np.nan, np.nan)
+    reach = student_quantile(0.025, len(without) - 1.0) * jackknife_error(without)
+    return Interval(float(value), float(value) - reach, float(value) + reach)
+
+
+def exponential(interval: Interval) -> Interval:
+    """Return the interval of a value from that of its logarithm."""
+    return Interval(*(float(np.exp(value)) for value in interval))
 
 
 def error(difference: Array) -> float:

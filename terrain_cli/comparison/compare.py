@@ -168,7 +168,7 @@ def of_fitted(
     ]
     warnings += _unpredicted(fitted)
     progress("predicting blocks left out")
-    compared = [_compared(*one, scale, seed) for one in zip(fitted, made, noise, strict=True)]
+    compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
         model={"base": model.base, "effects": [effect.id for effect in model.effects]},
         wheels=compared,
@@ -177,7 +177,6 @@ def of_fitted(
                 name,
                 [(one.series[name], one.blocks) for one in compared if name in one.series],
                 levels[name],
-                seed,
             )
             for name in levels
         },
@@ -298,14 +297,14 @@ def _runs(wheel: FittedWheel) -> Index:
 
 
 def _compared(
-    wheel: FittedWheel, block: Index, noise: Mapping[str, float], scale: dict[str, float], seed: int
+    wheel: FittedWheel, block: Index, noise: Mapping[str, float], scale: dict[str, float]
 ) -> WheelComparison:
     known = {name: scale.get(name, 1.0) for name in wheel.measured}
     out = held_out.predict(wheel, block, known)
     series = {
         name: Series(column, wheel.predicted[name], out[name]) for name, column in wheel.measured.items()
     }
-    errors = {name: _errors(name, [(one, block)], noise[name], seed) for name, one in series.items()}
+    errors = {name: _errors(name, [(one, block)], noise[name]) for name, one in series.items()}
     samples, segment, quiet = wheel.windows.samples, wheel.segment, wheel.quiet(wheel.gaps)
     bounds = np.searchsorted(segment, np.arange(int(segment.max(initial=-1)) + 2))
     return WheelComparison(
@@ -327,14 +326,14 @@ def _compared(
     )
 
 
-def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float, seed: int) -> ChannelErrors:
+def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float) -> ChannelErrors:
     measured = np.concatenate([one.measured for one, _ in parts])
     error = measured - np.concatenate([one.predicted for one, _ in parts])
     known = np.isfinite(error)
     n = int(known.sum())
     rmse = float(np.sqrt(np.mean(error[known] ** 2))) if n else np.nan
     size = float(np.sqrt(np.mean(measured[known] ** 2))) if n else np.nan
-    left_out, low, high = _heldout(parts, seed)
+    left_out = _heldout(parts)
     return ChannelErrors(
         name=name,
         unit=UNITS[name],
@@ -343,22 +342,16 @@ def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float, seed
         bias=float(np.mean(error[known])) if n else np.nan,
         nrmse=rmse / size if size > 0.0 else np.nan,
         noise=level,
-        heldout_rmse=left_out,
-        heldout_low=low,
-        heldout_high=high,
+        heldout_rmse=left_out.value,
+        heldout_low=left_out.low,
+        heldout_high=left_out.high,
     )
 
 
-def _heldout(parts: Sequence[tuple[Series, Index]], seed: int) -> tuple[float, float, float]:
+def _heldout(parts: Sequence[tuple[Series, Index]]) -> blocks.Interval:
     sums = blocks.squares(parts)
     if len(sums) == 0:
-        return np.nan, np.nan, np.nan
+        return blocks.Interval(np.nan, np.nan, np.nan)
     total = sums.sum(axis=0)
-    value = float(np.sqrt(total[0] / total[1]))
-    if len(sums) < 2:
-        return value, np.nan, np.nan
-    draws = blocks.resample(
-        sums, lambda drawn: np.sqrt(drawn[:, 0] / np.maximum(drawn[:, 1], 1.0)), seed=seed
-    )
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return value, float(low), float(high)
+    roots = blocks.logarithmic_roots(total)[0], blocks.logarithmic_roots(total - sums)[:, 0]
+    return blocks.exponential(blocks.jackknife(*roots))

@@ -41,8 +41,8 @@ class ChannelErrors:
     # Standard deviation of what changes from sample to sample without following the drive, the noise of slip,
     # load and sinkage that reaches the prediction included; NaN where the data do not tell
     noise: float
-    # heldout_rmse, heldout_low, heldout_high: on blocks left out of the fit, with a 95 % interval from
-    # resampled blocks
+    # heldout_rmse, heldout_low, heldout_high: on blocks left out of the fit, with a 95 % interval by
+    # the jackknife
     heldout_rmse: float
     heldout_low: float
     heldout_high: float

@@ -6,25 +6,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison.blocks import resample
+from terrain_cli.comparison import blocks
 from terrain_cli.comparison.comparison_outcome import UNITS, Difference, segment_soils
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
+    from terrain_cli.comparison.blocks import Interval
     from terrain_cli.comparison.comparison_outcome import Comparison, Soils
-    from terrain_cli.vocabulary.arrays import Array
+    from terrain_cli.vocabulary.arrays import Array, Mask
 
 
-def against(first: Comparison, second: Comparison, *, seed: int = 0) -> list[Difference]:
+def against(first: Comparison, second: Comparison) -> list[Difference]:
     """Tell what a second model changes on the same windows: channels, then c (Pa) and φ (rad) by segment.
 
-    Held-out errors are compared on the samples and blocks of the first, block by block, so that what makes a
-    block hard for both does not count. c and φ of a segment are compared with their standard errors as if
-    these were independent, which is too careful: the data are the same.
+    Held-out errors are compared block by block (`root_intervals`). c and φ of a segment are compared with
+    their standard errors as if these were independent, which is too careful: the data are the same.
     """
-    errors = [one for one in (_error(first, second, name, seed) for name in UNITS) if one is not None]
-    return [*errors, *between_soils(first, second)]
+    names = both_predict(first, second)
+    sums, _ = paired_sums(first, second, names)
+    known = [(name, sums[:, column]) for column, name in enumerate(names) if sums[:, column, 2].any()]
+    return [*(_error(*one) for one in known), *between_soils(first, second)]
 
 
 def between_soils(first: Comparison, second: Comparison) -> list[Difference]:
@@ -33,40 +35,64 @@ def between_soils(first: Comparison, second: Comparison) -> list[Difference]:
     return [difference for one, other in both for difference in _soil(one, other)]
 
 
-def _error(first: Comparison, second: Comparison, name: str, seed: int) -> Difference | None:
-    if name not in first.channels or name not in second.channels:
-        return None
+def both_predict(first: Comparison, second: Comparison) -> list[str]:
+    """Return the channels that two models predict."""
+    return [name for name in UNITS if name in first.channels and name in second.channels]
+
+
+def paired_sums(
+    first: Comparison, second: Comparison, names: Sequence[str], judging: Iterable[Mask | bool] | None = None
+) -> tuple[Array, float]:
+    """Sum held-out squares of two models block by block, so that what makes a block hard for both cancels.
+
+    Counted are the samples that both predict, of those that `judging`, one mask for each wheel, tells.
+    Returned are the squares of the first and of the second and the number of samples, shape (blocks,
+    channels, 3), and the share of the samples that the second does not predict any more.
+    """
     count = 1 + max(int(wheel.blocks.max(initial=0)) for wheel in first.wheels)
-    sums = np.zeros((count, 3))
-    for a, b in zip(first.wheels, second.wheels, strict=True):
-        if name not in a.series or name not in b.series:
-            continue
-        errors = [one.series[name].measured - one.series[name].heldout for one in (a, b)]
-        known = np.isfinite(errors[0]) & np.isfinite(errors[1])
-        for column, error in enumerate(errors):
-            sums[:, column] += np.bincount(a.blocks[known], error[known] ** 2, count)
-        sums[:, 2] += np.bincount(a.blocks[known], minlength=count)
+    sums = np.zeros((count, len(names), 3))
+    predicted = missing = 0
+    masks: Iterable[Mask | bool] = judging or [True] * len(first.wheels)
+    for a, b, judged in zip(first.wheels, second.wheels, masks, strict=True):
+        for column, name in enumerate(names):
+            if name not in a.series or name not in b.series:
+                continue
+            before, after = (one.series[name].measured - one.series[name].heldout for one in (a, b))
+            there = np.isfinite(before) & judged
+            known = there & np.isfinite(after)
+            predicted += int(there.sum())
+            missing += int(there.sum() - known.sum())
+            for k, values in enumerate((before**2, after**2, np.ones(len(known)))):
+                sums[:, column, k] += np.bincount(a.blocks[known], values[known], count)
+    return sums[sums[..., 2].sum(axis=1) > 0.0], missing / predicted if predicted else 0.0
+
+
+def root_intervals(sums: Array) -> tuple[Interval, Interval, Interval, float]:
+    """Return the error of a channel before and after, its change, and the change's standard error.
+
+    `sums`, shape (blocks, 3), are those of `paired_sums`. Each block is left out in turn, for both models at
+    once; how much that moves a result gives its standard error (the jackknife), and Student's t its 95 %
+    interval. So a few blocks can prove what is plain, and nothing else.
+    """
     sums = sums[sums[:, 2] > 0.0]
-    if len(sums) == 0:
-        return None
+    total = sums.sum(axis=0)
+    roots, others = blocks.logarithmic_roots(total), blocks.logarithmic_roots(total - sums)
+    before, after = (blocks.exponential(blocks.jackknife(roots[k], others[:, k])) for k in (0, 1))
+    changes = np.diff(np.exp(others), axis=1)[:, 0]
+    change = blocks.jackknife(after.value - before.value, changes)
+    return before, after, change, blocks.jackknife_error(changes)
 
-    def both(drawn: Array) -> Array:
-        return np.sqrt(drawn[:, :2] / np.maximum(drawn[:, 2:], 1.0))
 
-    one, other = both(sums.sum(axis=0)[None])[0]
-    se = low = high = np.nan
-    if len(sums) > 1:
-        draws = resample(sums, lambda drawn: np.diff(both(drawn), axis=1)[:, 0], seed=seed)
-        low, high = (float(v) for v in np.quantile(draws, [0.025, 0.975]))
-        se = float(np.std(draws))
+def _error(name: str, sums: Array) -> Difference:
+    before, after, change, se = root_intervals(sums)
     return Difference(
         name=name,
         unit=UNITS[name],
         where=None,
-        first=float(one),
-        second=float(other),
-        low=low,
-        high=high,
+        first=before.value,
+        second=after.value,
+        low=change.low,
+        high=change.high,
         se=se,
     )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from terrain_cli.comparison import Comparison, comparison_criteria
+from terrain_cli.comparison.blocks import Interval
 from terrain_cli.diagnosis import diagnosis_criteria
 from terrain_cli.improvement import improvement_criteria as criteria
 
@@ -19,14 +20,6 @@ if TYPE_CHECKING:
 
 Action = Literal["add", "remove"]
 Proof = Literal["same data", "stretches kept aside", "another drive"]
-
-
-class Interval(NamedTuple):
-    """A value with its 95 % interval; NaN where not known."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, kw_only=True)

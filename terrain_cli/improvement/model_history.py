@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.comparison.blocks import Interval
 from terrain_cli.comparison.comparison_outcome import UNITS
-from terrain_cli.improvement.improvement_outcome import Action, ChannelChange, Estimated, Interval, Step
+from terrain_cli.improvement.improvement_outcome import Action, ChannelChange, Estimated, Step
 from terrain_cli.version import __version__
 from terrain_cli.vocabulary.quantities import listed
 

@@ -18,12 +18,12 @@ from terrain_cli.vocabulary.quantities import counted, listed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from terrain_cli.comparison.blocks import Interval
     from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.improvement.improvement_outcome import (
         Action,
         ChannelChange,
         Estimated,
-        Interval,
         Shift,
         Step,
         Stopped,

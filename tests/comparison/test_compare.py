@@ -9,6 +9,7 @@ from known_misfits import MISFITS, Kind, samples_of, windows_of
 
 from formats import Labels
 from terrain_cli.comparison import against, compare, comparison_criteria
+from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.cut_windows import Windows, cut
 
@@ -127,6 +128,17 @@ def test_two_models_are_compared_on_the_same_blocks(clean):
     assert torque.second == pytest.approx(held.channels["torque"].heldout_rmse)
     assert differences["c", ("drive 1", "wheel", 1)].unit == "Pa"
     assert not any(d.moved for d in against(clean, clean))
+
+
+def test_an_error_has_one_interval_whichever_command_tells_it(biased, clean):
+    """`compare` tells the errors of one model, `model add` those of two on the same blocks."""
+    changes, _ = weigh(biased, biased)
+    assert len(changes) == len(biased.channels) == 3
+    for one in changes:
+        errors = biased.channels[one.name]
+        alone = (errors.heldout_rmse, errors.heldout_low, errors.heldout_high)
+        assert one.before == pytest.approx(alone, rel=1e-9)
+        assert 0.0 < errors.heldout_low < errors.heldout_rmse < errors.heldout_high
 
 
 def test_whatever_is_measured_is_compared():

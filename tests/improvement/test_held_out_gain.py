@@ -8,11 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from terrain_cli.comparison.blocks import Interval
 from terrain_cli.comparison.comparison_outcome import UNITS, Series
 from terrain_cli.comparison.kept_aside import TooShort
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import weigh
-from terrain_cli.improvement.improvement_outcome import Estimated, HeldOutEvidence, Interval, Step
+from terrain_cli.improvement.improvement_outcome import Estimated, HeldOutEvidence, Step
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.presentation.change_text import proof, verdict
 

@@ -6,8 +6,9 @@ import math
 
 import pytest
 
+from terrain_cli.comparison.blocks import Interval
 from terrain_cli.improvement import model_history
-from terrain_cli.improvement.improvement_outcome import ChannelChange, Estimated, Interval
+from terrain_cli.improvement.improvement_outcome import ChannelChange, Estimated
 from terrain_cli.vocabulary import toml_files
 
 

@@ -2,7 +2,8 @@
 
 from types import SimpleNamespace
 
-from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Interval
+from terrain_cli.comparison.blocks import Interval
+from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence
 from terrain_cli.presentation import change_text
 
 

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
+    from terrain_cli.comparison.blocks import Interval
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
-    from terrain_cli.improvement.improvement_outcome import Interval
     from terrain_cli.improvement.model_history import Rung
     from terrain_cli.vocabulary.arrays import Array
 
