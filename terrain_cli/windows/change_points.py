@@ -5,9 +5,9 @@
 3. `merging`: candidates that chance, a load that moves along one line or the model's own misfit
    explain are dropped, and the rest are moved to the very sample.
 4. `needed`: cuts that something recorded explains go too. A model without an effect that follows the drive
-   needs a new soil at every turn. So y is given terms that all windows share, γ1 d + γ2 d² + γ3 d x of a
-   driver d, and windows are joined as long as a bound between them gains less than the penalty. The terms
-   of a driver cost as much as one change does: they must save two.
+   needs a new soil at every turn. So y is given terms γ1 d + γ2 d² + γ3 d x of a driver d, first those of
+   each window, then such as all share, and windows are joined as long as a bound between them gains less than
+   the penalty. The terms of a driver cost as much as one change does: they must save two.
 5. `sinkage_changes`: where strength goes on, but the wheel sinks deeper, or less, the line shows nothing.
 
 The constants were chosen by benchmarks/segmentation_study.py; its table is in benchmarks/results.
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,6 +52,8 @@ CANDIDATE_SHARE = 0.5
 _LONGEST, _LONG_SAMPLES = 15, 1 << 14
 #: Fewer samples than this are not searched: they tell nothing of their noise.
 _FEWEST = 6
+#: Of bounds between five numbers instead of two, chance gains this as rarely (χ², five degrees of freedom).
+_OWN_PENALTY = 33.0
 #: Fewest changes that a term can save.
 _LEAST = 2
 #: Share of its trace that is added to a matrix, lest a constant load make it singular.
@@ -122,24 +125,29 @@ def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: 
     """Return the bounds that are needed whatever y follows of known drivers; the `fixed` ones stay."""
     if len(np.setdiff1d(bounds[1:-1], fixed)) < _LEAST:
         return bounds
-    scaled = [one for one in map(_standard, drivers) if one is not None]
     line, level = _standard(x), _standard(y)
     if line is None or level is None:
         return bounds
-    terms: list[Array] = []
-    while True:
-        best, saved = None, 0.0
-        for place, driver in enumerate(scaled):
-            added = [driver, driver**2, driver * line]
-            joined, lost = _joined(Lines(line, [*terms, *added], level, bounds), fixed)
-            gain = PENALTY * (len(bounds) - len(joined) - 1) - lost
-            if gain > saved:
-                best, saved = (place, added, joined), gain
-        if best is None:
-            return bounds
-        place, added, bounds = best
-        scaled.pop(place)
-        terms += added
+    each = [[d, d**2, d * line] for d in map(_standard, drivers) if d is not None]
+    # What a driver does may be another thing on each soil.
+    own = [_saved(Lines([line, *terms], (), level, bounds), fixed, _OWN_PENALTY) for terms in each]
+    saved, joined = max(own, key=itemgetter(0), default=(0.0, bounds))
+    bounds = joined if saved > 0.0 else bounds
+    shared: list[Array] = []
+    while each:
+        tried = [_saved(Lines([line], [*shared, *terms], level, bounds), fixed, PENALTY) for terms in each]
+        place = max(range(len(each)), key=lambda place: tried[place][0])
+        if tried[place][0] <= 0.0:
+            break
+        bounds = tried[place][1]
+        shared += each.pop(place)
+    return bounds
+
+
+def _saved(lines: Lines, fixed: Index, penalty: float) -> tuple[float, Bounds]:
+    """Return what joining windows saves, less the cost of the terms, and the bounds that remain."""
+    joined, lost = _joined(lines, fixed, penalty)
+    return penalty * (len(lines.bounds) - len(joined) - 1) - lost, joined
 
 
 def _standard(values: Array) -> Array | None:
@@ -152,16 +160,16 @@ def _standard(values: Array) -> Array | None:
 
 @dataclass(frozen=True)
 class Lines:
-    """One line for each window, and terms that all share."""
+    """A line for each window, with terms of its own, and terms that all share."""
 
-    x: Array
-    terms: Sequence[Array]
+    own: Sequence[Array]
+    shared: Sequence[Array]
     y: Array
     bounds: Bounds
 
     def moments(self) -> Array:
-        """Return the sums of products of 1, x, the terms and y in each window, shape (w, p, p)."""
-        columns = [np.ones_like(self.x), self.x, *self.terms, self.y]
+        """Return the sums of products of 1, all terms and y in each window, shape (w, p, p)."""
+        columns = [np.ones_like(self.y), *self.own, *self.shared, self.y]
         size = len(columns)
         sums = np.empty((len(self.bounds) - 1, size, size))
         for i in range(size):
@@ -169,47 +177,49 @@ class Lines:
                 sums[:, i, j] = sums[:, j, i] = np.add.reduceat(columns[i] * columns[j], self.bounds[:-1])
         return sums
 
+    def without_own(self, moments: Array) -> Array:
+        """Return the moments of what the own terms of each window leave (the Schur complement)."""
+        n = 1 + len(self.own)
+        found = np.linalg.solve(_regular(moments[:, :n, :n]), moments[:, :n, n:])
+        return np.asarray(moments[:, n:, n:] - moments[:, n:, :n] @ found)
+
     def scatter(self, moments: Array) -> float:
         """Return the long-run variance of the residuals."""
-        shared = solved(_without_lines(moments).sum(axis=0))
-        rest = moments[:, :2, -1] - moments[:, :2, 2:-1] @ shared
-        own = np.linalg.solve(_regular(moments[:, :2, :2]), rest[..., None])
-        level, slope = np.repeat(own[..., 0], np.diff(self.bounds), axis=0).T
-        explained = sum(value * term for value, term in zip(shared, self.terms, strict=True))
-        residuals = self.y - level - slope * self.x - explained
+        n = 1 + len(self.own)
+        shared = solved(self.without_own(moments).sum(axis=0))
+        rest = moments[:, :n, -1] - moments[:, :n, n:-1] @ shared
+        own = np.linalg.solve(_regular(moments[:, :n, :n]), rest[..., None])[..., 0]
+        level, *slopes = np.repeat(own, np.diff(self.bounds), axis=0).T
+        residuals = self.y - level
+        for slope, term in zip([*slopes, *shared], [*self.own, *self.shared], strict=True):
+            residuals = residuals - slope * term
         size = float(np.std(residuals))
-        fitted = 2 * len(moments) + len(shared)
+        fitted = own.size + len(shared)
         return size**2 * correlation_factor(residuals / size, self.bounds[1:-1], fitted) if size else _RIDGE
 
 
-def _joined(lines: Lines, fixed: Index) -> tuple[Bounds, float]:
+def _joined(lines: Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]:
     """Join windows; return the bounds that remain, and what the sum of squares rose by, in its unit."""
     bounds, moments = lines.bounds, lines.moments()
     unit = lines.scatter(moments)
-    reduced = _without_lines(moments)
+    reduced = lines.without_own(moments)
     total = reduced.sum(axis=0)
     begin = _left(total)
     while len(moments) > 1:
-        pairs = _without_lines(moments[:-1] + moments[1:])
+        pairs = lines.without_own(moments[:-1] + moments[1:])
         gain = (_left(total - reduced[:-1] - reduced[1:] + pairs) - _left(total)) / unit
         gain[np.isin(bounds[1:-1], fixed)] = np.inf
         # Of neighbours the one that gains less goes first: without it the other may be needed.
         ends = np.concatenate([[np.inf], gain, [np.inf]])
-        goes = (gain < PENALTY) & (gain <= ends[:-2]) & (gain < ends[2:])
+        goes = (gain < penalty) & (gain <= ends[:-2]) & (gain < ends[2:])
         if not goes.any():
             break
         stays = np.concatenate([[True], ~goes])
         moments = np.add.reduceat(moments, np.flatnonzero(stays), axis=0)
         bounds = np.append(bounds[:-1][stays], bounds[-1])
-        reduced = _without_lines(moments)
+        reduced = lines.without_own(moments)
         total = reduced.sum(axis=0)
     return bounds, float(_left(total) - begin) / unit
-
-
-def _without_lines(moments: Array) -> Array:
-    """Return the moments of what the line of each window leaves (the Schur complement)."""
-    lines = np.linalg.solve(_regular(moments[:, :2, :2]), moments[:, :2, 2:])
-    return np.asarray(moments[:, 2:, 2:] - moments[:, 2:, :2] @ lines)
 
 
 def solved(moments: Array) -> Array:
@@ -292,7 +302,7 @@ def _in_logarithms(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> 
     terms = [weight, slip, slip**2, slip * weight]
     line, *others, level = (column - _mean(column, blocks) for column in (*terms, depth))
     # Their means are 0 already: of the moments those with 1 are left out.
-    found = solved(Lines(line, others, level, bounds).moments()[:, 1:, 1:])
+    found = solved(Lines([line], others, level, bounds).moments()[:, 1:, 1:])
     for own, term in zip(found.T, terms, strict=True):
         depth -= np.repeat(own, np.diff(bounds)) * term
     return 1.0 + _SINKAGE_SHARE * weight, 1.0 + _SINKAGE_SHARE * (weight + depth - _mean(depth, bounds))

@@ -216,6 +216,17 @@ def test_true_changes_stay(seed):
     assert all(np.abs(left - true).min() <= 40 for true in known)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_driver_may_do_another_thing_on_each_soil(seed):
+    x, y, slip = driven(seed, soils=2)
+    y = y + np.where(np.arange(N) // 500 % 2 == 1, 16e3, 4e3) * slip**2
+    found = change_points(x, y)
+    assert len(found) > 9
+    left = needed(x, y, [slip], found, NONE)
+    assert len(left) == 7
+    assert np.abs(left[1:-1] - np.arange(500, N, 500)).max() <= 40
+
+
 def test_what_nothing_explains_stays():
     x, y, slip = driven(7, soils=2)
     found = change_points(x, y)
