@@ -41,7 +41,10 @@ Examples:
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900
   zcat run.csv.gz | terrain-est estimate - --rover rover.toml --summary soil.json
-  terrain-est model new model.toml --effect slip-sinkage
+  terrain-est compare run.bag
+  terrain-est diagnose run.bag
+  terrain-est model new model.toml
+  terrain-est model add model.toml slip-sinkage --data run.bag
   terrain-est estimate run.bag --model model.toml -o soil.gpkg
 
 \b
@@ -112,6 +115,9 @@ def cli() -> None:
     Reads load, torque, sinkage and slip from CSV, Parquet and ROS 1 and ROS 2 bags, cuts them into
     windows of homogeneous terrain, and gives cohesion c and internal friction angle φ of each with
     their uncertainty.
+
+    Where the wheel–soil model does not fit, compare shows where it fails, diagnose names the physical
+    effect that is missing, and model add adds it and shows by how much the error falls.
     """
 
 

@@ -7,7 +7,7 @@
 4. `needed`: cuts that something recorded explains go too. A model without an effect that follows the drive
    needs a new soil at every turn. So y is given terms γ1 d + γ2 d² + γ3 d x of a driver d, first those of
    each window, then such as all share, and windows are joined as long as a bound between them gains less than
-   the penalty. The terms of a driver cost as much as one change does: they must save two.
+   the penalty. The terms of a driver cost as much as one change does.
 5. `sinkage_changes`: where strength goes on, but the wheel sinks deeper, or less, the line shows nothing.
 
 The constants were chosen by benchmarks/segmentation_study.py; its table is in benchmarks/results.
@@ -15,7 +15,7 @@ The constants were chosen by benchmarks/segmentation_study.py; its table is in b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import itemgetter
 from typing import TYPE_CHECKING
@@ -54,8 +54,6 @@ _LONGEST, _LONG_SAMPLES = 15, 1 << 14
 _FEWEST = 6
 #: Of bounds between five numbers instead of two, chance gains this as rarely (χ², five degrees of freedom).
 _OWN_PENALTY = 33.0
-#: Fewest changes that a term can save.
-_LEAST = 2
 #: Share of its trace that is added to a matrix, lest a constant load make it singular.
 _RIDGE = 1e-10
 
@@ -123,19 +121,21 @@ def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> 
 
 def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: Index) -> Bounds:
     """Return the bounds that are needed whatever y follows of known drivers; the `fixed` ones stay."""
-    if len(np.setdiff1d(bounds[1:-1], fixed)) < _LEAST:
+    if not len(np.setdiff1d(bounds[1:-1], fixed)):
         return bounds
     line, level = _standard(x), _standard(y)
     if line is None or level is None:
         return bounds
     each = [[d, d**2, d * line] for d in map(_standard, drivers) if d is not None]
     # What a driver does may be another thing on each soil.
-    own = [_saved(Lines([line, *terms], (), level, bounds), fixed, _OWN_PENALTY) for terms in each]
+    plain = Lines([line], (), level, bounds)
+    own = [_saved(Lines([line, *terms], (), level, bounds), plain, fixed, _OWN_PENALTY) for terms in each]
     saved, joined = max(own, key=itemgetter(0), default=(0.0, bounds))
     bounds = joined if saved > 0.0 else bounds
     shared: list[Array] = []
     while each:
-        tried = [_saved(Lines([line], [*shared, *terms], level, bounds), fixed, PENALTY) for terms in each]
+        plain = Lines([line], shared, level, bounds)
+        tried = [_saved(replace(plain, shared=[*shared, *terms]), plain, fixed, PENALTY) for terms in each]
         place = max(range(len(each)), key=lambda place: tried[place][0])
         if tried[place][0] <= 0.0:
             break
@@ -144,10 +144,10 @@ def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: 
     return bounds
 
 
-def _saved(lines: Lines, fixed: Index, penalty: float) -> tuple[float, Bounds]:
-    """Return what joining windows saves, less the cost of the terms, and the bounds that remain."""
-    joined, lost = _joined(lines, fixed, penalty)
-    return penalty * (len(lines.bounds) - len(joined) - 1) - lost, joined
+def _saved(lines: Lines, plain: Lines, fixed: Index, penalty: float) -> tuple[float, Bounds]:
+    """Return what further terms save, less their cost, and the bounds that remain with them."""
+    joined, lost = _joined(lines, plain, fixed, penalty)
+    return PENALTY * (len(lines.bounds) - 3) - penalty * (len(joined) - 2) - lost, joined
 
 
 def _standard(values: Array) -> Array | None:
@@ -198,13 +198,13 @@ class Lines:
         return size**2 * correlation_factor(residuals / size, self.bounds[1:-1], fitted) if size else _RIDGE
 
 
-def _joined(lines: Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]:
-    """Join windows; return the bounds that remain, and what the sum of squares rose by, in its unit."""
+def _joined(lines: Lines, plain: Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]:
+    """Join windows; return the bounds that remain, and by how much more is left than by the plain lines."""
     bounds, moments = lines.bounds, lines.moments()
     unit = lines.scatter(moments)
     reduced = lines.without_own(moments)
     total = reduced.sum(axis=0)
-    begin = _left(total)
+    begin = _left(plain.without_own(plain.moments()).sum(axis=0))
     while len(moments) > 1:
         pairs = lines.without_own(moments[:-1] + moments[1:])
         gain = (_left(total - reduced[:-1] - reduced[1:] + pairs) - _left(total)) / unit

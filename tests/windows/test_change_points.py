@@ -235,6 +235,12 @@ def test_what_nothing_explains_stays():
     np.testing.assert_array_equal(needed(x, y, [slip, unknown, still], found, NONE), found)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_one_cut_that_is_explained_better_goes(seed):
+    x, y, slip = driven(seed, follows=8000.0)
+    assert needed(x, y, [slip], np.array([0, 1100, N]), NONE).tolist() == [0, N]
+
+
 def test_breaks_stay():
     x, y, slip = driven(3, follows=8000.0)
     breaks = np.array([1200])
