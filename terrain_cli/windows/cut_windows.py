@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
 
 #: What every verb reads of a log, and what effects follow: without them a soil would seem to change with it.
-FOLLOWED = ("slip", "load", "angular_velocity", "pitch", "roll", "yaw_rate")
+FOLLOWED = ("slip", "load", "angular_velocity", "motor_temperature", "pitch", "roll", "yaw_rate")
 #: Windows of one input, some 1.5 kB each with their rows; judged: more than anyone reads, in 3 GB.
 MOST = 2_000_000
 
