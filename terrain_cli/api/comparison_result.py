@@ -258,7 +258,7 @@ def report(
     Raises
     ------
     InputError, ConfigurationError
-        As for `compare`; or altair, jinja2 or vl-convert is not installed.
+        As for `compare`; or jinja2, platformdirs or vl-convert is not installed.
     formats.errors.CannotWriteError
         The page cannot be written.
     """

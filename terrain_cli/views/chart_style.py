@@ -51,7 +51,7 @@ SETTINGS: dict[str, Any] = {
     "lines.linewidth": 1.2,
 }
 #: Extra of the package → what it brings.
-LIBRARIES = {"plot": ("matplotlib",), "report": ("altair", "jinja2", "vl_convert")}
+LIBRARIES = {"plot": ("matplotlib",), "report": ("jinja2", "platformdirs", "vl_convert")}
 
 
 def need(extra: str) -> None:

@@ -65,14 +65,14 @@ def test_needs_a_place_to_write_to(terrain_est_here, short):
 
 def test_says_what_to_install(short, tmp_path):
     code = (
-        "import sys; sys.modules['altair'] = None\n"
+        "import sys; sys.modules['jinja2'] = None\n"
         "from terrain_cli.app import main\n"
         f"main(['report', {str(short)!r}, '-o', {str(tmp_path / 'run.html')!r}])"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (78, "")
     assert done.stderr.splitlines() == [
-        "terrain-est: a report needs altair, which is not installed",
+        "terrain-est: a report needs jinja2, which is not installed",
         f"  {version.command_for('report')}",
     ]
 

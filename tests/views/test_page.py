@@ -296,7 +296,29 @@ def test_is_written_whole_or_not_at_all(comparison, tmp_path, monkeypatch):
         report.write(comparison, tmp_path / "none" / "run.html")
 
 
-@pytest.mark.parametrize("library", ["altair", "vl_convert"])
+def test_the_library_of_charts_is_kept_and_made_anew_where_it_is_damaged(tmp_path, monkeypatch):
+    library = sys.modules[report.write.__module__]._library.__wrapped__
+    made = []
+
+    def bundle():
+        made.append(None)
+        return "vega();'</script>'"
+
+    monkeypatch.setattr("vl_convert.javascript_bundle", bundle)
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "new" / "folder")
+    assert [library(), library()] == ["vega();'<\\/script>'"] * 2
+    assert len(made) == 1
+    (kept,) = (tmp_path / "new" / "folder").iterdir()
+    for damaged in (b"", b"vega();", kept.read_bytes()[:-9]):
+        kept.write_bytes(damaged)
+        assert library() == "vega();'<\\/script>'"
+    assert len(made) == 4
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "file" / "in")
+    assert library() == "vega();'<\\/script>'"
+
+
+@pytest.mark.parametrize("library", ["jinja2", "vl_convert"])
 def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch, library):
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ConfigurationError, match=library) as error:

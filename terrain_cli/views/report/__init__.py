@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
+from contextlib import suppress
 from functools import cache
+from importlib import metadata
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +19,7 @@ from terrain_cli.views import chart_style
 # Before its libraries are imported: it says which extra brings them.
 chart_style.need("report")
 
-import altair as alt  # noqa: E402
-import vl_convert  # noqa: E402
-from altair.utils import schemapi  # noqa: E402
+import platformdirs  # noqa: E402
 from jinja2 import Environment, StrictUndefined  # noqa: E402
 
 from terrain_cli.views.report import model_sections, sections  # noqa: E402
@@ -55,10 +57,8 @@ def page(
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
     """Return the report of a comparison; `further` sections follow, if there is something in them."""
-    # Altair checks every part of a chart against the schema of Vega-Lite: for whoever writes charts.
-    with schemapi.debug_mode(arg=False):
-        shown, choices, chosen = sections.of(comparison, progress, asked)
-        by_model = model_sections.section(models)
+    shown, choices, chosen = sections.of(comparison, progress, asked)
+    by_model = model_sections.section(models)
     kept = [section for section in (*shown, by_model, *further) if section]
     charts = [part for section in kept for part in section.parts if isinstance(part, Chart)]
     here = files("terrain_cli.views.report")
@@ -85,9 +85,20 @@ def page(
 
 @cache
 def _library() -> str:
-    """Vega with Vega-Lite and its embedding, as one script."""
-    version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+    """Vega with Vega-Lite and its embedding, as one script; kept, as to join it takes as long as the page."""
+    kept = platformdirs.user_cache_path("terrain-est", appauthor=False)
+    kept /= f"vega-of-vl-convert-{metadata.version('vl-convert-python')}.js.gz"
+    with suppress(OSError, EOFError, zlib.error):
+        if library := gzip.decompress(kept.read_bytes()).decode():
+            return library
+    import vl_convert
+
     # Without a snippet it is the whole library, which its type does not say.
-    library = vl_convert.javascript_bundle(vl_version=version)  # type: ignore[call-arg]
+    library = vl_convert.javascript_bundle()  # type: ignore[call-arg]
     # A script ends at this tag wherever it stands, even within a string.
-    return library.replace("</script", "<\\/script")
+    library = library.replace("</script", "<\\/script")
+    with suppress(OSError, formats.CannotWriteError):
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with formats.replacing(str(kept)) as temporary:
+            Path(temporary).write_bytes(gzip.compress(library.encode()))
+    return library

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import altair as alt
 import numpy as np
 
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, SCALE
-from terrain_cli.views.report.page_parts import CHOSEN, Sheet, scale, tips
+from terrain_cli.views.report.page_parts import CHOSEN, Sheet, either, encoded, scale, tips
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.views.report.page_parts import Spec
+    from terrain_cli.views.report.page_parts import Layer, Spec
     from terrain_cli.views.shown_samples import Along, Pairs
     from terrain_cli.vocabulary.arrays import Array
 
@@ -64,30 +63,30 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
         v=np.asarray(values, dtype=float)[number],
         name=name[number],
     ).encode(
-        x=alt.X("x:Q", title=titles[0], scale=scale(*across), axis=alt.Axis(tickCount=5)),
-        y=alt.Y("y:Q", title=titles[1], scale=scale(*up), axis=alt.Axis(tickCount=5)),
-        order=alt.Order("o:Q"),
-        detail=alt.Detail("s:N"),
+        x=encoded("x:Q", title=titles[0], scale=scale(*across), axis={"tickCount": 5}),
+        y=encoded("y:Q", title=titles[1], scale=scale(*up), axis={"tickCount": 5}),
+        order=encoded("o:Q"),
+        detail=encoded("s:N"),
         tooltip=tips(name="segment", v=label),
     )
-    base = base.transform_filter("split(datum.s, ':')[0] == split(segment, ':')[0]")
+    base = base.where("split(datum.s, ':')[0] == split(segment, ':')[0]")
     known = values[np.isfinite(values)]
     # The same for all wheels.
     ends = [float(known.min()), float(known.max())] if len(known) else [0.0, 1.0]
     if ends[0] == ends[1]:
         ends = list(shown_samples.limits(known))
-    colour = alt.Color(
+    colour = encoded(
         "v:Q",
-        scale=alt.Scale(scheme=SCALE, domain=ends),
-        legend=alt.Legend(title=label, gradientLength=_MAP - 60),
+        scale={"scheme": SCALE, "domain": ends},
+        legend={"title": label, "gradientLength": _MAP - 60},
     )
-    lines = base.mark_line(strokeWidth=6, strokeCap="butt").encode(color=colour).interactive(name="zoom")
+    lines = base.mark("line", strokeWidth=6, strokeCap="butt").encode(color=colour).zoomed()
     # Not filled: a legend for lines and for areas at once would be no gradient.
-    spots = base.mark_point(size=20, strokeWidth=5, filled=False).encode(color=colour)
-    spots = spots.transform_filter("datum.alone")
+    spots = base.mark("point", size=20, strokeWidth=5, filled=False).encode(color=colour)
+    spots = spots.where("datum.alone")
     # A rim, without which one end of the scale would be lost on a dark page.
-    rim = base.mark_line(strokeWidth=7.5, color=FAINT, strokeCap="butt")
-    outline = base.mark_line(strokeWidth=11, color=CHOSEN).transform_filter("datum.s == segment")
+    rim = base.mark("line", strokeWidth=7.5, color=FAINT, strokeCap="butt")
+    outline = base.mark("line", strokeWidth=11, color=CHOSEN).where("datum.s == segment")
     shape = (up[1] - up[0]) * stretch / (across[1] - across[0])
     width, height = (_MAP, round(_MAP * shape)) if shape < 1.0 else (round(_MAP / shape), _MAP)
     return sheet.finished([outline, rim, lines, *([spots] if 1 in length else [])], height, width)
@@ -98,8 +97,8 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
     kinds = shown_segments.groups(table, len(COLOURS))
     c, phi = shown_segments.estimate_limits(table)
-    x = alt.X("x:Q", title="cohesion c (kPa)", scale=scale(*c))
-    y = alt.Y("y:Q", title="friction angle φ (°)", scale=scale(*phi))
+    x = encoded("x:Q", title="cohesion c (kPa)", scale=scale(*c))
+    y = encoded("y:Q", title="friction angle φ (°)", scale=scale(*phi))
     n = len(kinds)
     points = sheet.chart(
         x=table["c_kPa"],
@@ -114,18 +113,18 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
         x=x,
         y=y,
         # What the drive does not settle is faint.
-        opacity=alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35)),
-        shape=alt.Shape("kind:N", scale=_by_kind(_SHAPES, kinds), legend=_legend(kinds)),
+        opacity=either("datum.status == 'ok'", 1.0, 0.35),
+        shape=encoded("kind:N", scale=_by_kind(_SHAPES, kinds), legend=_legend(kinds)),
         color=_colour(kinds),
         tooltip=[
             *tips(name="segment", x="c (kPa)", xe="± s.e.", y="φ (°)", ye="± s.e. (°)"),
-            alt.Tooltip("status:N"),
+            encoded("status:N"),
         ],
     )
     corners = min(max(_MOST_VERTICES // n, 13), 41)
     outlines = [shown_segments.ellipse(table, row, corners) for row in range(n)]
     drawn = [j for j, one in enumerate(outlines) if np.isfinite(one).all()]
-    layers: list[alt.Chart] = [points.mark_point(filled=True, size=45, clip=True).interactive(name="zoom")]
+    layers: list[Layer] = [points.mark("point", filled=True, size=45, clip=True).zoomed()]
     if drawn:
         every = np.concatenate([outlines[j] for j in drawn])
         number = np.repeat(drawn, corners)
@@ -135,13 +134,13 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
             s=key[number],
             kind=[kinds[j] for j in number],
             o=np.tile(np.arange(corners), len(drawn)),
-        ).encode(x=x, y=y, order=alt.Order("o:Q"), detail=alt.Detail("s:N"))
+        ).encode(x=x, y=y, order=encoded("o:Q"), detail=encoded("s:N"))
         if len(drawn) <= _MOST_ELLIPSES:
             layers.insert(
-                0, shapes.mark_line(strokeWidth=1, opacity=0.6, clip=True).encode(color=_colour(kinds))
+                0, shapes.mark("line", strokeWidth=1, opacity=0.6, clip=True).encode(color=_colour(kinds))
             )
-        marked = shapes.mark_line(strokeWidth=3, color=CHOSEN, clip=True)
-        layers.append(marked.transform_filter("datum.s == segment"))
+        marked = shapes.mark("line", strokeWidth=3, color=CHOSEN, clip=True)
+        layers.append(marked.where("datum.s == segment"))
     return sheet.finished(layers, 320)
 
 
@@ -169,39 +168,39 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
         name=name[number],
         kind=[kinds[j] for j in number],
     ).encode(
-        x=alt.X("x:Q", title="normal stress σ (kPa)", scale=scale(*across)),
-        y=alt.Y("y:Q", title="shear strength c + σ tan φ (kPa)", scale=scale(*up)),
-        detail=alt.Detail("s:N"),
+        x=encoded("x:Q", title="normal stress σ (kPa)", scale=scale(*across)),
+        y=encoded("y:Q", title="shear strength c + σ tan φ (kPa)", scale=scale(*up)),
+        detail=encoded("s:N"),
         tooltip=tips(name="segment", x="σ (kPa)", y="strength (kPa)", low="95 % from", high="to"),
     )
-    dashes = alt.StrokeDash("kind:N", scale=_by_kind(_DASHES, kinds), legend=_legend(kinds))
-    marked = base.transform_filter("datum.s == segment")
+    dashes = encoded("kind:N", scale=_by_kind(_DASHES, kinds), legend=_legend(kinds))
+    marked = base.where("datum.s == segment")
     layers = [
-        base.mark_line(strokeWidth=1.2, clip=True)
+        base.mark("line", strokeWidth=1.2, clip=True)
         .encode(color=_colour(kinds), strokeDash=dashes)
-        .interactive(name="zoom"),
-        base.mark_point(size=30, filled=True, clip=True)
-        .encode(color=_colour(kinds))
-        .transform_filter("datum.pivot"),
-        marked.mark_area(opacity=0.25, color=CHOSEN, clip=True).encode(y=alt.Y("low:Q"), y2=alt.Y2("high:Q")),
-        marked.mark_line(strokeWidth=3, color=CHOSEN, clip=True),
+        .zoomed(),
+        base.mark("point", size=30, filled=True, clip=True).encode(color=_colour(kinds)).where("datum.pivot"),
+        marked.mark("area", opacity=0.25, color=CHOSEN, clip=True).encode(
+            y=encoded("low:Q"), y2={"field": "high"}
+        ),
+        marked.mark("line", strokeWidth=3, color=CHOSEN, clip=True),
     ]
     return sheet.finished(layers, 320)
 
 
-def _by_kind(choices: Sequence[Any], kinds: Sequence[str]) -> alt.Scale:
+def _by_kind(choices: Sequence[Any], kinds: Sequence[str]) -> Spec:
     """Return a scale that gives each kind, in the order of their first segments, one of the choices."""
     unique = list(dict.fromkeys(kinds))
-    return alt.Scale(domain=unique, range=list(choices[: len(unique)]))
+    return {"domain": unique, "range": list(choices[: len(unique)])}
 
 
-def _colour(kinds: Sequence[str]) -> alt.Color:
-    return alt.Color("kind:N", scale=_by_kind(COLOURS, kinds), legend=_legend(kinds))
+def _colour(kinds: Sequence[str]) -> Spec:
+    return encoded("kind:N", scale=_by_kind(COLOURS, kinds), legend=_legend(kinds))
 
 
-def _legend(kinds: Sequence[str]) -> alt.Legend | None:
+def _legend(kinds: Sequence[str]) -> Spec | None:
     """Return none where all are of one kind: one name for all tells nothing apart."""
-    return alt.Legend(title=None, symbolOpacity=1.0) if len(set(kinds)) > 1 else None
+    return {"title": None, "symbolOpacity": 1.0} if len(set(kinds)) > 1 else None
 
 
 def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
@@ -241,9 +240,9 @@ def _timeline(
         kind=kinds,
         status=[str(status) for status in table["status"]],
     ).encode(
-        x=alt.X("x:Q", title="time since the start (s)", scale=alt.Scale(zero=False, nice=False)),
-        x2=alt.X2("x2:Q"),
-        tooltip=[*tips(name="segment", y=title, e="± s.e."), alt.Tooltip("status:N")],
+        x=encoded("x:Q", title="time since the start (s)", scale={"zero": False, "nice": False}),
+        x2={"field": "x2"},
+        tooltip=[*tips(name="segment", y=title, e="± s.e."), encoded("status:N")],
     )
     known = np.isfinite(value)
     sure = known & np.isfinite(error)
@@ -252,16 +251,16 @@ def _timeline(
     ends = np.concatenate([value[known], (value - 1.96 * error)[sure], (value + 1.96 * error)[sure]])
     # With a margin: the band of a lone segment would be the whole picture.
     ends_shown = scale(*shown_samples.limits(ends, margin=0.1))
-    y = alt.Y("y:Q", title=title, scale=ends_shown)
+    y = encoded("y:Q", title=title, scale=ends_shown)
     colour = _colour(kinds)
     # What is not ok is faint, as in the other pictures.
-    opacity = alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35))
-    band = base.mark_rect(opacity=0.16, clip=True).encode(
-        y=alt.Y("low:Q", title=title, scale=ends_shown), y2=alt.Y2("high:Q"), color=colour
+    opacity = either("datum.status == 'ok'", 1.0, 0.35)
+    band = base.mark("rect", opacity=0.16, clip=True).encode(
+        y=encoded("low:Q", title=title, scale=ends_shown), y2={"field": "high"}, color=colour
     )
-    lines = base.mark_rule(strokeWidth=4, clip=True).encode(y=y, color=colour, opacity=opacity)
-    marked = base.mark_rule(strokeWidth=9, color=CHOSEN, clip=True).encode(y=y)
-    return sheet.finished([band, marked.transform_filter("datum.s == segment"), lines], 220)
+    lines = base.mark("rule", strokeWidth=4, clip=True).encode(y=y, color=colour, opacity=opacity)
+    marked = base.mark("rule", strokeWidth=9, color=CHOSEN, clip=True).encode(y=y)
+    return sheet.finished([band, marked.where("datum.s == segment"), lines], 220)
 
 
 def course(
@@ -282,23 +281,25 @@ def course(
             p=predicted,
             s=np.insert(keys[pairs.segment], gaps, keys[pairs.segment[gaps]]),
         )
-        .transform_filter("datum.s == segment")
+        .where("datum.s == segment")
         .encode(
-            x=alt.X("x:Q", title=axis, scale=alt.Scale(zero=False, nice=False, padding=0 if driven else 10)),
+            x=encoded(
+                "x:Q", title=axis, scale={"zero": False, "nice": False, "padding": 0 if driven else 10}
+            ),
             tooltip=tips(x=axis, m="measured", p="predicted"),
         )
     )
-    kinds = alt.Scale(domain=["measured", "predicted"], range=[INK, MEDIAN])
+    kinds = {"domain": ["measured", "predicted"], "range": [INK, MEDIAN]}
 
-    colour = alt.Color("what:N", title=None, scale=kinds)
+    colour = encoded("what:N", title=None, scale=kinds)
 
-    def shown(kind: str, field: str) -> alt.Chart:
-        y = alt.Y(f"{field}:Q", title=label, scale=alt.Scale(zero=False))
-        return base.transform_calculate(what=f"'{kind}'").encode(y=y, color=colour)
+    def shown(kind: str, field: str) -> Layer:
+        y = encoded(f"{field}:Q", title=label, scale={"zero": False})
+        return base.calculated("what", f"'{kind}'").encode(y=y, color=colour)
 
-    dots = shown("measured", "m").mark_point(size=12).interactive(name="zoom")
+    dots = shown("measured", "m").mark("point", size=12).zoomed()
     other = shown("predicted", "p")
-    other = other.mark_line(strokeWidth=1.6) if driven else other.mark_point(shape="cross", size=40)
+    other = other.mark("line", strokeWidth=1.6) if driven else other.mark("point", shape="cross", size=40)
     return sheet.finished([dots, other], 320)
 
 
@@ -311,11 +312,11 @@ def residual(
     known = np.flatnonzero(np.isfinite(along.values))
     kept = known[shown_samples.some(len(known), MOST_BESIDE)]
     low, high = shown_samples.limits(np.percentile(values[known], [0.3, 50.0, 99.7]), np.zeros(1), margin=0.1)
-    y = alt.Y("y:Q", title=f"measured − predicted{in_unit}", scale=scale(low, high))
+    y = encoded("y:Q", title=f"measured − predicted{in_unit}", scale=scale(low, high))
     if along.labels:
-        x = alt.X("x:N", title=axis, sort=None, axis=alt.Axis(labelAngle=0, labelLimit=90))
+        x = encoded("x:N", title=axis, sort=None, axis={"labelAngle": 0, "labelLimit": 90})
     else:
-        x = alt.X("x:Q", title=axis, scale=scale(*shown_samples.limits(along.values[known])))
+        x = encoded("x:Q", title=axis, scale=scale(*shown_samples.limits(along.values[known])))
 
     def shown(driver: Array) -> Array | Text:
         return np.array(along.labels)[driver.astype(int)] if along.labels else driver
@@ -324,30 +325,30 @@ def residual(
     points = points.encode(x=x, y=y)
     band = shown_samples.band(along.values, values)
     bins = sheet.chart(x=shown(band.centre), low=band.low, y=band.median, high=band.high)
-    of_x = alt.Tooltip("x:N" if along.labels else "x:Q", title=axis)
+    of_x = encoded("x:N" if along.labels else "x:Q", title=axis)
     bins = bins.encode(x=x, tooltip=[of_x, *tips(y="median", low="5 %", high="95 %")])
     spread: dict[str, Any] = {"color": MEDIAN, "opacity": 0.22, "clip": True}
     middle: dict[str, Any] = {"color": MEDIAN, "clip": True}
-    layers = [points.mark_circle(size=10, color=FAINT, opacity=0.6, clip=True)]
+    layers = [points.mark("circle", size=10, color=FAINT, opacity=0.6, clip=True)]
     if not along.labels:
-        layers = [layers[0].interactive(name="zoom")]
-    marked = points.mark_circle(size=24, color=CHOSEN, clip=True).transform_filter("datum.s == segment")
+        layers = [layers[0].zoomed()]
+    marked = points.mark("circle", size=24, color=CHOSEN, clip=True).where("datum.s == segment")
     # Below the median, which is what is to be read. A lone segment is no choice.
     layers += [marked] if len(keys) > 1 else []
-    ends: dict[str, Any] = {"y": alt.Y("low:Q"), "y2": alt.Y2("high:Q")}
+    ends: dict[str, Any] = {"y": encoded("low:Q"), "y2": {"field": "high"}}
     if along.labels:
-        layers.append(bins.mark_bar(size=18, **spread).encode(**ends))
-        layers.append(bins.mark_point(filled=True, size=45, **middle).encode(y=y))
+        layers.append(bins.mark("bar", size=18, **spread).encode(**ends))
+        layers.append(bins.mark("point", filled=True, size=45, **middle).encode(y=y))
     else:
-        layers.append(bins.mark_area(**spread).encode(**ends))
-        dots = alt.OverlayMarkDef(color=MEDIAN, size=22)
-        layers.append(bins.mark_line(point=dots, **middle).encode(y=y))
-    layers.append(sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y=alt.Y("y:Q")))
+        layers.append(bins.mark("area", **spread).encode(**ends))
+        dots = {"color": MEDIAN, "size": 22}
+        layers.append(bins.mark("line", point=dots, **middle).encode(y=y))
+    layers.append(sheet.chart(y=[0.0]).mark("rule", color=INK, strokeWidth=1).encode(y=encoded("y:Q")))
     if np.isfinite(noise):
         rules = sheet.chart(y=[-1.96 * noise, 1.96 * noise])
         layers.append(
-            rules.mark_rule(color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True).encode(
-                y=alt.Y("y:Q")
+            rules.mark("rule", color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True).encode(
+                y=encoded("y:Q")
             )
         )
     return sheet.finished(layers, height)

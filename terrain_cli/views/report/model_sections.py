@@ -5,14 +5,23 @@ from __future__ import annotations
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-import altair as alt
 import numpy as np
 
 from terrain_cli.improvement.model_history import Rung, channels, refusals, rungs
 from terrain_cli.presentation import change_text
 from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, measured, top
-from terrain_cli.views.report.page_parts import CHOSEN, Chart, Section, Sheet, Table, scale, tips
+from terrain_cli.views.report.page_parts import (
+    CHOSEN,
+    Chart,
+    Section,
+    Sheet,
+    Table,
+    either,
+    encoded,
+    scale,
+    tips,
+)
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.quantities import counted
 
@@ -90,18 +99,18 @@ def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
     )
     # Short: names take the half of the width.
     title = f"held-out{what.in_unit}"
-    names = alt.Axis(labelLimit=220, labelOffset=-6.5 * (lines - 1), labelExpr=r"split(datum.label, '\n')")
-    y = alt.Y("label:N", sort=None, title=None, axis=names)
-    colour = alt.when("datum.k == model").then(alt.value(CHOSEN)).otherwise(alt.value(COLOURS[0]))
+    names = {"labelLimit": 220, "labelOffset": -6.5 * (lines - 1), "labelExpr": r"split(datum.label, '\n')"}
+    y = encoded("label:N", sort=None, title=None, axis=names)
+    colour = either("datum.k == model", CHOSEN, COLOURS[0])
     base = sheet.chart(label=labels, k=keys, value=value, low=low, high=high, noise=noise)
     base = base.encode(y=y, color=colour)
     ends = scale(0.0, 1.08 * float(np.nanmax([*value, *high, *noise])))
-    x = alt.X("value:Q", title=title, scale=ends)
+    x = encoded("value:Q", title=title, scale=ends)
     told = tips(label="model", value=title, low="2.5 %", high="97.5 %", noise="noise")
     layers = [
-        base.mark_tick(thickness=1.5, size=18).encode(x=alt.X("noise:Q"), color=alt.value(INK)),
-        base.mark_rule(clip=True).encode(x=alt.X("low:Q", title=title), x2=alt.X2("high:Q")),
-        base.mark_point(filled=True, size=80, opacity=1.0).encode(x=x, tooltip=told),
+        base.mark("tick", thickness=1.5, size=18).encode(x=encoded("noise:Q"), color={"value": INK}),
+        base.mark("rule", clip=True).encode(x=encoded("low:Q", title=title), x2={"field": "high"}),
+        base.mark("point", filled=True, size=80, opacity=1.0).encode(x=x, tooltip=told),
     ]
     every = "; ".join(f"{one.label}: {quantities.number(v)}" for one, v in zip(models, value, strict=True))
     return Chart(
@@ -141,19 +150,21 @@ def _misfit(bands: Sequence[Band], axis: str, in_unit: str, own: str) -> Spec:
     columns = [np.concatenate(column) for column in zip(*bands, strict=True)]
     key = np.repeat(np.arange(len(bands)).astype(str), [len(one.centre) for one in bands])
     centre, low, median, high = columns
-    y = alt.Y(
+    y = encoded(
         "median:Q", title=f"measured − predicted{in_unit}", scale=scale(*shown_samples.limits(low, high))
     )
-    x = alt.X("x:Q", title=axis, scale=scale(*shown_samples.limits(centre)))
+    x = encoded("x:Q", title=axis, scale=scale(*shown_samples.limits(centre)))
     every = sheet.chart(x=centre, low=low, median=median, high=high, k=key).encode(x=x)
-    chosen = every.transform_filter("datum.k == model")
+    chosen = every.where("datum.k == model")
     told = tips(x=axis, median="median", low="5 %", high="95 %")
-    reference = every.transform_filter(f"datum.k == '{own}'")
+    reference = every.where(f"datum.k == '{own}'")
     layers = [
-        chosen.mark_area(color=MEDIAN, opacity=0.22, clip=True).encode(y=alt.Y("low:Q"), y2=alt.Y2("high:Q")),
-        sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y=alt.Y("y:Q")),
-        reference.mark_line(color=FAINT, strokeDash=[3, 3], clip=True).encode(y=y),
-        chosen.mark_line(color=MEDIAN, point=alt.OverlayMarkDef(color=MEDIAN, size=22), clip=True).encode(
+        chosen.mark("area", color=MEDIAN, opacity=0.22, clip=True).encode(
+            y=encoded("low:Q"), y2={"field": "high"}
+        ),
+        sheet.chart(y=[0.0]).mark("rule", color=INK, strokeWidth=1).encode(y=encoded("y:Q")),
+        reference.mark("line", color=FAINT, strokeDash=[3, 3], clip=True).encode(y=y),
+        chosen.mark("line", color=MEDIAN, point={"color": MEDIAN, "size": 22}, clip=True).encode(
             y=y, tooltip=told
         ),
     ]
@@ -199,25 +210,25 @@ def _ladder(known: Sequence[tuple[Rung, ChannelChange]], what: Quantity) -> Spec
                 column.append(cell)
     sheet = Sheet()
     # By their numbers: names as long as some are do not fit under several steps.
-    x = alt.X("step:N", sort=None, title="change, as numbered above", axis=alt.Axis(labelAngle=0))
-    aside = alt.XOffset("when:N", sort=["before", "after"], scale=alt.Scale(paddingOuter=0.6))
+    x = encoded("step:N", sort=None, title="change, as numbered above", axis={"labelAngle": 0})
+    aside = encoded("when:N", sort=["before", "after"], scale={"paddingOuter": 0.6})
     # Of one title and one domain, so that they share a legend.
     sides: dict[str, Any] = {"domain": ["before", "after"]}
-    legend = alt.Legend(title="held-out; bar: noise")
+    legend = {"title": "held-out; bar: noise"}
     kind = {
-        "shape": alt.Shape("when:N", scale=alt.Scale(**sides, range=["circle", "square"]), legend=legend),
-        "fill": alt.Fill("when:N", scale=alt.Scale(**sides, range=["white", COLOURS[0]]), legend=legend),
+        "shape": encoded("when:N", scale={**sides, "range": ["circle", "square"]}, legend=legend),
+        "fill": encoded("when:N", scale={**sides, "range": ["white", COLOURS[0]]}, legend=legend),
     }
     title = f"rms error{what.in_unit}"
-    y = alt.Y("value:Q", title=title, scale=scale(0.0, top(known) * what.factor))
+    y = encoded("value:Q", title=title, scale=scale(0.0, top(known) * what.factor))
     told = tips(label="change", when=" ", value="held-out error", low="2.5 %", high="97.5 %")
     base = sheet.chart(**columns).encode(x=x, xOffset=aside)
-    bars = base.mark_rule(color=COLOURS[0], clip=True).encode(
-        y=alt.Y("low:Q", title=title), y2=alt.Y2("high:Q")
+    bars = base.mark("rule", color=COLOURS[0], clip=True).encode(
+        y=encoded("low:Q", title=title), y2={"field": "high"}
     )
-    points = base.mark_point(stroke=COLOURS[0], size=60, opacity=1.0).encode(y=y, tooltip=told, **kind)
+    points = base.mark("point", stroke=COLOURS[0], size=60, opacity=1.0).encode(y=y, tooltip=told, **kind)
     noise = sheet.chart(step=steps, noise=[one.noise * what.factor for _, one in known])
-    level = noise.mark_tick(color=INK, thickness=1.5, strokeDash=[2, 2]).encode(
-        x=x, y=alt.Y("noise:Q"), tooltip=tips(noise=f"noise{what.in_unit}")
+    level = noise.mark("tick", color=INK, thickness=1.5, strokeDash=[2, 2]).encode(
+        x=x, y=encoded("noise:Q"), tooltip=tips(noise=f"noise{what.in_unit}")
     )
     return sheet.finished([level, bars, points], 220)

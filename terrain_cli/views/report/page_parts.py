@@ -6,10 +6,9 @@ keyboard reaches it and no script stands between.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-import altair as alt
 import numpy as np
 
 from terrain_cli.views.chart_style import FAINT, INK
@@ -25,6 +24,9 @@ if TYPE_CHECKING:
 CHOSEN = "#AA3377"
 #: Fields that are no numbers.
 _TEXTS = frozenset({"name", "status", "label", "step", "when"})
+_TYPES = {"Q": "quantitative", "N": "nominal"}
+#: A mark that can be dragged and zoomed.
+_ZOOM = {"name": "zoom", "select": {"type": "interval", "encodings": ["x", "y"]}, "bind": "scales"}
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,32 @@ _SETTINGS: Spec = {
 }
 
 
+@dataclass(frozen=True)
+class Layer:
+    """Marks of one kind, as Vega-Lite has them; each method returns another layer."""
+
+    spec: Spec
+
+    def mark(self, kind: str, **how: Any) -> Layer:
+        return self._with("mark", {"type": kind, **how})
+
+    def encode(self, **channels: Any) -> Layer:
+        return self._with("encoding", {**self.spec.get("encoding", {}), **channels})
+
+    def where(self, condition: str) -> Layer:
+        return self._with("transform", [*self.spec.get("transform", []), {"filter": condition}])
+
+    def calculated(self, name: str, formula: str) -> Layer:
+        step = {"calculate": formula, "as": name}
+        return self._with("transform", [*self.spec.get("transform", []), step])
+
+    def zoomed(self) -> Layer:
+        return self._with("params", [_ZOOM])
+
+    def _with(self, key: str, value: Any) -> Layer:
+        return replace(self, spec={**self.spec, key: value})
+
+
 class Sheet:
     """A chart being drawn, its data kept apart; `control` is what chooses: "segment" or "model"."""
 
@@ -122,18 +150,15 @@ class Sheet:
         self._datasets: dict[str, list[dict[str, Any]]] = {}
         self._chosen, self._control = chosen, control
 
-    def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> alt.Chart:
+    def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> Layer:
         name = f"data-{len(self._datasets)}"
         records = zip(*map(_plain, columns.values()), strict=True)
         self._datasets[name] = [dict(zip(columns, record, strict=True)) for record in records]
-        # Altair would look at every value if it had them.
-        return alt.Chart(alt.NamedData(name=name))
+        return Layer({"data": {"name": name}})
 
-    def finished(self, layers: Sequence[alt.Chart], height: int, width: int | str = "container") -> Spec:
+    def finished(self, layers: Sequence[Layer], height: int, width: int | str = "container") -> Spec:
         """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
-        # As parts of a whole: Altair would copy them again and again to find what they have in common.
-        part = {"top_level": False}
-        spec: Spec = {"layer": [layer.to_dict(validate=False, context=part) for layer in layers]}
+        spec: Spec = {"layer": [layer.spec for layer in layers]}
         if self._chosen is not None:
             bind = {"element": f"#{self._control}", "event": "change"}
             spec["params"] = [{"name": self._control, "value": self._chosen, "bind": bind}]
@@ -141,11 +166,24 @@ class Sheet:
         return {**spec, **size, "config": _SETTINGS, "datasets": self._datasets}
 
 
-def scale(low: float, high: float) -> alt.Scale:
+def encoded(column: str, **how: Any) -> Spec:
+    """Return what a channel shows: a column with its kind, as "x:Q" (quantitative) or "name:N" (nominal)."""
+    name, kind = column.split(":")
+    return {"field": name, "type": _TYPES[kind], **how}
+
+
+def either(condition: str, value: Any, otherwise: Any) -> Spec:
+    """Return a channel of two values."""
+    return {"condition": {"test": condition, "value": value}, "value": otherwise}
+
+
+def scale(low: float, high: float) -> Spec:
     """Return an axis that ends where it is told to."""
-    return alt.Scale(domain=[float(low), float(high)], nice=False, zero=False)
+    return {"domain": [float(low), float(high)], "nice": False, "zero": False}
 
 
-def tips(**titles: Any) -> list[alt.Tooltip]:
+def tips(**titles: str) -> list[Spec]:
     """Return what a mark tells when it is pointed at: its fields, each under a title."""
-    return [alt.Tooltip(f"{name}:{'N' if name in _TEXTS else 'Q'}", title=t) for name, t in titles.items()]
+    return [
+        encoded(f"{name}:{'N' if name in _TEXTS else 'Q'}", title=title) for name, title in titles.items()
+    ]
