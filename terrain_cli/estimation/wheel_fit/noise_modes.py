@@ -132,8 +132,8 @@ def widened(
 ) -> Posterior:
     """Add what a standard error of the noise does to the unknowns to their covariance.
 
-    To either side, each with half of the weight: to which side an axis points hangs on the last digit, and the
-    unknowns do not follow the noise in proportion (the sigma points of Julier & Uhlmann 1997). It does
+    To either side, each with half of the weight: to which one an axis points hangs on the last digit, and
+    the unknowns do not follow the noise in proportion (the sigma points of Julier & Uhlmann 1997). It does
     nearly the same with some of the samples as with all. In the end no less is known than beforehand.
     """
     order = enough_nodes(problem.noise, data)
