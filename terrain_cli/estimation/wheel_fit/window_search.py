@@ -91,7 +91,7 @@ def mend(
         # Of samples of which few are independent some know as much as all.
         enough = bool(np.all(found.inflation[at] > np.maximum(part.count / ENOUGH, MISSED)))
         ends = _best(problem, part.thinned(ENOUGH) if enough else part, state.only(at), order)
-        ends = _with_all(problem, part, ends, order) if enough else ends
+        ends = _with_all(problem, part, ends, order)
         put(state, ends, at, data.rows_of(at))
         found = _put(found, posterior(problem, part, ends, order=order, correlated=correlated), at)
     # What is shared follows from all windows, and few times suffice for that.
@@ -160,6 +160,8 @@ def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> S
 
 def _with_all(problem: Problem, data: FitData, ends: State, order: int | None) -> State:
     """Return ends of a search with some of the samples, with the true values of all."""
+    if ends.latent.shape[1] == data.measured.shape[1]:
+        return ends
     state = replace(initial(data, ends.t, ends.common), converged=ends.converged)
     normal = accumulate(problem, data, state.t, state.common, state.latent, order=order)
     state.merit[:] = normal.misfit + np.sum(state.t**2, axis=1)
