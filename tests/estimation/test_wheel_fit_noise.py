@@ -75,6 +75,23 @@ def test_few_points_know_their_noise_badly_and_their_errors_show_it():
     assert np.all(one.errors["cohesion"] > 1.05 * known.errors["cohesion"])
 
 
+def test_errors_do_not_hang_on_the_sides_that_the_axes_of_the_noise_point_to(monkeypatch):
+    truth = free(1, 40, 34)
+    channels = truth.measured(1, 0.05)
+    usual = run(channels, truth.bounds)
+    axes_of = np.linalg.eigh
+
+    def turned(matrix):
+        size, axes = axes_of(matrix)
+        return size, -axes
+
+    monkeypatch.setattr(np.linalg, "eigh", turned)
+    other = run(channels, truth.bounds)
+    for name in ("cohesion", "tan_phi"):
+        np.testing.assert_allclose(other.errors[name], usual.errors[name], rtol=1e-6)
+    np.testing.assert_allclose(other.sigma_star, usual.sigma_star, rtol=1e-6)
+
+
 def test_outliers_are_given_less_weight_on_request():
     truth = free(40, 25, 34)
     clean = truth.measured(1, 0.02)

@@ -24,9 +24,10 @@ from simulator import (
 )
 from wheel_samples import free
 
+from benchmarks import rover_bag
 from terrain_cli.effects import find as effect_of
 from terrain_cli.estimation.line.window_estimates import STATUSES
-from terrain_cli.estimation.wheel_fit import DEFAULT, Noise, fit
+from terrain_cli.estimation.wheel_fit import DEFAULT, Noise, fit, gauss_newton
 from terrain_cli.estimation.wheel_fit.gauss_newton import truncate
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
@@ -275,3 +276,24 @@ def test_noise_that_lasts_half_a_second_is_no_misfit(seed):
     ends = [0, len(channels["time"])]
     found = [fit(Model(), GEOMETRY, channels, ends, second=second) for second in (0.0, 50.0)]
     assert [result.missed[0] for result in found] == [True, False]
+
+
+def test_a_miss_takes_few_passes_over_all_samples(monkeypatch):
+    """Residuals that last for hundreds of samples are told by some of them as well as by all."""
+    driven, wheel = rover_bag.drive(240.0, 50.0), 1
+    channels = {name: driven[name][:, wheel] for name in ("load", "torque", "sinkage")}
+    turned = rover_bag.GEOMETRY["radius"] * driven["angular_velocity"][:, wheel]
+    bounds = np.linspace(0, len(turned), len(rover_bag.SOILS) + 1).astype(int)
+    model = Model(effects=(effect_of("max-stress-angle"), effect_of("rear-contact")))
+    geometry = WheelGeometry(rover_bag.GEOMETRY["radius"], rover_bag.GEOMETRY["width"])
+    passed, equations = [], gauss_newton.equations
+
+    def counted(problem, data, *args, **options):
+        passed.append(data.measured.shape[1])
+        return equations(problem, data, *args, **options)
+
+    monkeypatch.setattr(gauss_newton, "equations", counted)
+    slip = 1.0 - driven["speed"] / turned
+    result = fit(model, geometry, {**channels, "slip": slip}, bounds, local=model.parameters, second=50.0)
+    assert result.missed.all()
+    assert sum(passed) < 30 * len(slip)

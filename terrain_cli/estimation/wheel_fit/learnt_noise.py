@@ -102,7 +102,7 @@ class ScaledDifferences:
         self.noise = self.noise.scaled(factor)
         return abs(factor - 1.0) < _SETTLED or finest * factor <= 1.01 * _LEAST_DIFFERENCES
 
-    def others(self) -> tuple[Noise, ...]:
+    def others(self) -> tuple[tuple[Noise, Noise], ...]:
         """Return no other noise: it is taken for known."""
         return ()
 
@@ -304,8 +304,9 @@ class LikelyNoise:
         squares = self._steps @ self._prior.precision @ self._steps
         return 0.5 * float(np.linalg.slogdet(self._known)[1] - squares)
 
-    def others(self) -> tuple[Noise, ...]:
-        """Return noise one standard error away, along the axes in which it is not known well."""
+    def others(self) -> tuple[tuple[Noise, Noise], ...]:
+        """Return noise one standard error to either side, along the axes in which it is not known well."""
         variances, axes = np.linalg.eigh(self._known)
         errors = np.sqrt(np.maximum(variances, 0.0))
-        return tuple(self._prior.at(self._steps + way) for way in (axes * errors).T[errors > _SURE])
+        ways = (axes * errors).T[errors > _SURE]
+        return tuple((self._prior.at(self._steps + way), self._prior.at(self._steps - way)) for way in ways)

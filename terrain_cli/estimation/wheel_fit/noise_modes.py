@@ -46,7 +46,7 @@ class Learnt:
     problem: Problem
     dof: float = np.inf  # Degrees of freedom that tell the noise; infinite where it was given
     begun: State | None = None  # Where a search with nearly this noise ended
-    others: tuple[Noise, ...] = ()  # Noise one standard error away
+    others: tuple[tuple[Noise, Noise], ...] = ()  # Noise one standard error away, to either side
     log_weight: float = 0.0  # Logarithm of the part of the posterior, up to what all modes have in common
 
 
@@ -127,25 +127,29 @@ def mixed(parts: Sequence[Posterior], likely: Sequence[Learnt]) -> Posterior:
     )
 
 
-def widened(problem: Problem, data: FitData, found: Posterior, others: Iterable[Noise]) -> Posterior:
+def widened(
+    problem: Problem, data: FitData, found: Posterior, others: Iterable[tuple[Noise, Noise]]
+) -> Posterior:
     """Add what a standard error of the noise does to the unknowns to their covariance.
 
-    It does nearly the same with some of the samples as with all. In the end no less is known than beforehand.
+    To either side, each with half of the weight: to which one an axis points hangs on the last digit, and
+    the unknowns do not follow the noise in proportion (the sigma points of Julier & Uhlmann 1997). It does
+    nearly the same with some of the samples as with all. In the end no less is known than beforehand.
     """
     order = enough_nodes(problem.noise, data)
     some = data.thinned(ENOUGH)
     begun = settled_search(problem, some, initial(some, found.t, found.common), order)
-    for noise in others:
-        there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
-        elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
-        common = elsewhere.common - begun.common
-        own = elsewhere.t - begun.t - found.gain @ common
-        own = own * _room(np.einsum("waa->wa", found.own), own)
-        found = replace(
-            found,
-            own=found.own + own[:, :, None] * own[:, None, :],
-            shared=found.shared + np.outer(common, common),
-        )
+    for sides in others:
+        added, added_shared = np.zeros_like(found.own), np.zeros_like(found.shared)
+        for noise in sides:
+            there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
+            elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
+            common = elsewhere.common - begun.common
+            own = elsewhere.t - begun.t - found.gain @ common
+            own = own * _room(np.einsum("waa->wa", found.own), own)
+            added += 0.5 * own[:, :, None] * own[:, None, :]
+            added_shared += 0.5 * np.outer(common, common)
+        found = replace(found, own=found.own + added, shared=found.shared + added_shared)
     return found
 
 

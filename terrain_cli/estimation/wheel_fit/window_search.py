@@ -88,7 +88,10 @@ def mend(
     if lost.any():
         at = np.flatnonzero(lost | bool(unknowns.shared))
         part = data.only(at)
-        ends = _best(problem, part, state.only(at), order)
+        # Of samples of which few are independent some know as much as all.
+        enough = bool(np.all(found.inflation[at] > np.maximum(part.count / ENOUGH, MISSED)))
+        ends = _best(problem, part.thinned(ENOUGH) if enough else part, state.only(at), order)
+        ends = _with_all(problem, part, ends, order)
         put(state, ends, at, data.rows_of(at))
         found = _put(found, posterior(problem, part, ends, order=order, correlated=correlated), at)
     # What is shared follows from all windows, and few times suffice for that.
@@ -109,7 +112,9 @@ def mend(
         # One by one, as their noise has changed, which is that of their long run already.
         at = np.flatnonzero(wide)
         part, rows = data.only(at), data.rows_of(at)
-        ends = _downhill(alone, part, state.only(at, rows), order)
+        few = part.thinned(ENOUGH)
+        few = replace(few, excess=few.excess * few.count / part.count)
+        ends = _with_all(alone, part, _downhill(alone, few, state.only(at), order), order)
         put(state, ends, at, rows)
         _put(found, posterior(alone, part, ends, order=order, correlated=False), at)
         if len(state.common):
@@ -141,19 +146,26 @@ def _held(unknowns: Unknowns, state: State) -> Unknowns:
 
 
 def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> State:
-    """Go down from where the search ended or from another beginning, whichever leads lowest."""
+    """Go down from where the search ended and from the best of other beginnings, and take the lower end.
+
+    A dozen samples tell which of the others is best, but not whether it leads lower than the search did.
+    """
     some = data.thinned(_TRIED)
     centre, nothing = damped_search.centre(problem, some)
-    begun = [(ended.t, ended.common), (centre, nothing)]
-    begun += [(other, nothing) for other in damped_search.others(problem, some, nothing)]
-    rough = [descend(problem, some, *one, order=order, iterations=_ROUGHLY) for one in begun]
+    begun = [centre, *damped_search.others(problem, some, nothing)]
+    rough = [descend(problem, some, t, nothing, order=order, iterations=_ROUGHLY) for t in begun]
     best = _lowest(rough, some, problem)
-    ends = _descended(problem, data, [(best.t, best.common)], order)
-    together = bool(problem.unknowns.shared)
-    if ends.merit.sum() > ended.merit.sum() if together else np.any(ends.merit > ended.merit):
-        # A few samples lead elsewhere than all of them, and not always lower.
-        ends = _lowest([ends, _descended(problem, data, begun[:1], order)], data, problem)
-    return ends
+    return _descended(problem, data, [(ended.t, ended.common), (best.t, best.common)], order)
+
+
+def _with_all(problem: Problem, data: FitData, ends: State, order: int | None) -> State:
+    """Return ends of a search with some of the samples, with the true values of all."""
+    if ends.latent.shape[1] == data.measured.shape[1]:
+        return ends
+    state = replace(initial(data, ends.t, ends.common), converged=ends.converged)
+    normal = accumulate(problem, data, state.t, state.common, state.latent, order=order)
+    state.merit[:] = normal.misfit + np.sum(state.t**2, axis=1)
+    return state
 
 
 def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
