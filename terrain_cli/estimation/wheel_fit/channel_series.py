@@ -98,7 +98,8 @@ def spikes(data: FitData) -> Mask:
         return found
     limit = _BEYOND * NormalDist().inv_cdf(1.0 - 0.5 * BY_CHANCE / (n * len(data.inputs)))
     for name in data.inputs:
-        padded = np.pad(data.channels[name], 2, mode="reflect")
+        # At the ends a ramp goes on.
+        padded = np.pad(data.channels[name], 2, mode="reflect", reflect_type="odd")
         before, middle, after = padded[1:-3], padded[2:-2], padded[3:-1]
         scatter = _medians(np.abs(before - 2.0 * middle + after), data.bounds) / (
             np.sqrt(6.0) * NORMAL_MEDIAN
