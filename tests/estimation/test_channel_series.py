@@ -45,7 +45,7 @@ def driven(soil, load, slip, seed=3):
 def held(channels):
     """Return the inputs that are held at their means."""
     data, _ = collect(Model(), channels, [0, len(channels["slip"])], "sinkage")
-    found = steadied(data)
+    found = steadied(data, RATE)
     constant = np.ptp(found.given, axis=1) < 1e-12
     np.testing.assert_array_equal(found.steady[:, 0], constant)
     return {name for name, still in zip(found.inputs, constant, strict=True) if still}
@@ -61,6 +61,14 @@ def test_what_only_seems_to_vary_is_held(load):
     assert held(driven(UPLAND_SANDY_LOAM, load, undulation(0.3, 0.5, 9.0, 2))) == steady
     # From sample to sample, as noise does; but the torque follows it.
     assert held(driven(UPLAND_SANDY_LOAM, load, scatter(0.2, 0.1, 0.1, seed=4))) == steady
+
+
+def test_so_it_is_where_the_noise_lasts():
+    channels, size = driven(UPLAND_SANDY_LOAM, ROUGH, constant(0.2)), round(SECONDS * RATE)
+    series = [remembering(np.random.default_rng(seed).standard_normal(size), 0.5) for seed in range(8)]
+    found = [held({**channels, "slip": 0.2 * (1.0 + NOISE * one)}) for one in series]
+    # Now and then sinkage or torque seems to follow it.
+    assert found.count({"slip"}) >= 6
 
 
 @pytest.mark.parametrize("load", [ROUGH, constant(80.0)], ids=["rough", "constant"])

@@ -120,11 +120,11 @@ def _medians(values: Array, bounds: Bounds) -> Array:
     return found
 
 
-def steadied(data: FitData) -> FitData:
+def steadied(data: FitData, second: float) -> FitData:
     """Hold load and slip at their means in the windows in which they only seem to vary.
 
-    There they change from sample to sample as white noise does (the ratio of von Neumann 1941, Annals of
-    Mathematical Statistics 12, 367), and no other channel follows them, given the rest of the inputs.
+    There they vary no more than noise may (`LargestNoise`), with so many samples in a `second`, and no other
+    channel follows them, given the rest of the inputs.
     """
     outputs = {
         name: np.where(data.seen[row], data.measured[row], np.nan)
@@ -137,24 +137,15 @@ def steadied(data: FitData) -> FitData:
             # The load on the wheel holds it.
             continue
         column, given = data.channels[name], {n: data.channels[n] for n in data.inputs if n != name}
-        still = (data.count >= EACH) & _white(column, data.bounds)
+        largest = LargestNoise.of(column, data, steady[row], second)
+        varies = segment_sum((column - np.repeat(data.mean[row], data.count)) ** 2, data.bounds)
+        chance = 1.0 + _PLAIN * np.sqrt(2.0 / np.maximum(largest.degrees, 1.0))
+        still = (data.count >= EACH) & (varies <= chance * largest.variance * data.count)
         for follower, responds in {**given, **outputs}.items():
             others = [one for other, one in given.items() if other != follower]
             still &= ~_follows(responds, column, others, data.bounds)
         steady[row] = still
     return replace(data, steady=steady)
-
-
-def _white(column: Array, bounds: Bounds) -> Mask:
-    """Tell in which windows neighbours are no more alike than chance has it, shape (w,)."""
-    count = np.diff(bounds)
-    mean = segment_sum(column, bounds) / np.maximum(count, 1)
-    power = segment_sum((column - np.repeat(mean, count)) ** 2, bounds)
-    step = np.zeros_like(column)
-    step[1:] = np.diff(column) ** 2
-    step[bounds[:-1][count > 0]] = 0.0
-    steps = segment_sum(step, bounds)
-    return np.asarray(steps > 2.0 * (1.0 - _PLAIN / np.sqrt(np.maximum(count, 1))) * power)
 
 
 def _follows(channel: Array, column: Array, given: Sequence[Array], bounds: Bounds) -> Mask:

@@ -161,7 +161,7 @@ def fit(
     data, rows = collect(model, channels, bounds, given)
     if correlated and not by_differences:
         data, kept = data.without(spikes(data))
-        data, rows = steadied(data), rows[kept]
+        data, rows = steadied(data, second), rows[kept]
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     sought = unknowns(
