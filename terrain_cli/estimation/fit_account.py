@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.estimation import joint_grid
-from terrain_cli.estimation.further_unknowns import SHAPES
 from terrain_cli.estimation.joint_grid import Frame, JointPosterior
-from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
 from terrain_cli.estimation.wheel_fit.unknowns import POSITIVE
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -28,9 +26,6 @@ _SHOWN = (
     ("sinkage_exponent", "n", "", 1.0),
 )
 _PAIR, _UNITS = ("cohesion", "tan_phi"), ("Pa", "1")
-#: χ² of the three parameters of the contact, beyond which its shape is not the usual one. Of 39 windows with
-#: the usual one the largest was 13.5; of 12 with another one that fitted it was 509 to 68,000.
-_UNUSUAL = 25.0
 
 
 def account(
@@ -46,7 +41,6 @@ def account(
         "noise": _noise_account(windows, fit),
         "missed": int(np.count_nonzero(fit.missed)),
         "moved": int(np.count_nonzero(fit.moved & ~fit.missed)),
-        "unusual_contact": _unusual_contacts(fit),
         "unsettled": int(np.count_nonzero(~fit.converged & (fit.n > 0))),
         "segments": [_segment(fit, j) for j in range(len(fit))],
     }
@@ -65,15 +59,6 @@ def _parameter(
         # The same in all windows, save that nothing is determined in one without samples.
         "fixed_by_data": not bool(fit.undetermined[name].all()) if sought else None,
     }
-
-
-def _unusual_contacts(fit: Fit) -> int:
-    """Count windows of which the estimates rest on a shape of the contact far from the usual one."""
-    usual = {name: one.null for name, one in fit.model.parameters.items() if name in fit.priors}
-    shape = {name: null for name, null in usual.items() if name.startswith(SHAPES)}
-    if not shape:
-        return 0
-    return int(np.count_nonzero(np.isin(fit.status, STRENGTH_HOLDS) & (fit.away(shape) > _UNUSUAL)))
 
 
 def _noise_account(windows: Windows, fit: Fit) -> dict[str, Any]:

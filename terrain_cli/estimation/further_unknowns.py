@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 #: The stress under the rim is greatest at θm = (c1 + c2 i) θ1: 0.18, 0.32
 #: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
 _SHAPE = {"max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)}, "rear-contact": {"c3": (0.0, 0.2)}}
-SHAPES = tuple(_SHAPE)
 #: What the soil feels is what these show without the error; of the others the model predicts what they show.
 _FELT = frozenset({"load", "slip"})
 #: What has the noise of a residual: what is predicted, and what the slip is derived from.

@@ -197,8 +197,6 @@ _TOLD = {
     "missed": "the model misses {} by far more than noise: see terrain-est diagnose",
     "moved": "an effect that the model lacks shows in {}, and would move c, φ or strength by more than its "
     "error: see terrain-est diagnose",
-    "unusual_contact": "in {} the contact has another shape than usual, and c and φ rest on it. An error of "
-    "a sensor may look the same: see terrain-est diagnose",
     "unsettled": "the fit did not converge in {}",
 }
 _HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")

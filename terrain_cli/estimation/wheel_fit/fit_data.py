@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import InputError, UsageError
+from terrain_cli.estimation.line.moments import segment_sum
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -88,12 +89,19 @@ class FitData:
     # Shape (w,): by how much larger the variances of all noise are taken to be than the sensors' own: 1
     # unless the model misses a window by more than noise
     excess: Array
-    steady: Mask  # Shape (n,): where the slip is held at its mean (`steady_slip`)
+    mean: Array  # Shape (inputs, w): of what was measured
+    steady: Mask  # Shape (inputs, w): where an input is held at its mean (`steady_inputs`)
 
     @cached_property
     def count(self) -> Index:
         """Samples of each window."""
         return np.diff(self.bounds)
+
+    @cached_property
+    def given(self) -> Array:
+        """Inputs as they are given to the model: measured, or held; shape (inputs, n)."""
+        held, mean = (np.repeat(part, self.count, axis=1) for part in (self.steady, self.mean))
+        return np.where(held, mean, [self.channels[name] for name in self.inputs])
 
     def possible(self, latent: Array) -> Array:
         """Keep true values of the inputs in the soil, in place: a depth of nothing has no derivatives."""
@@ -113,8 +121,18 @@ class FitData:
             bounds=np.concatenate([[0], np.cumsum(count)]),
             windows=self.windows[windows],
             excess=self.excess[windows],
-            steady=self.steady[rows],
+            mean=self.mean[:, windows],
+            steady=self.steady[:, windows],
         )
+
+    def without(self, left: Mask) -> tuple[FitData, Index]:
+        """Leave some samples out; return the others and their rows."""
+        kept = np.flatnonzero(~left)
+        if len(kept) == len(left):
+            return self, kept
+        return self.take(
+            kept, np.diff(np.searchsorted(kept, self.bounds)), np.arange(len(self.windows))
+        ), kept
 
     def rows_of(self, windows: Index) -> Index:
         """Return the samples of some windows, counted within this data."""
@@ -187,6 +205,8 @@ def collect(
     kept = {name: column[rows] for name, column in columns.items()}
     if "load" in kept:
         kept["load"] = np.where(np.isfinite(kept["load"]), kept["load"], 0.0)
+    inside = np.searchsorted(rows, bounds).astype(np.intp)
+    count = np.maximum(np.diff(inside), 1)
     return (
         FitData(
             channels=kept,
@@ -194,10 +214,11 @@ def collect(
             outputs=outputs,
             measured=np.nan_to_num(measured[:, rows]),
             seen=seen[:, rows],
-            bounds=np.searchsorted(rows, bounds).astype(np.intp),
+            bounds=inside,
             windows=np.arange(len(bounds) - 1),
             excess=np.ones(len(bounds) - 1),
-            steady=np.zeros(len(rows), dtype=bool),
+            mean=np.array([segment_sum(kept[name], inside) / count for name in inputs]),
+            steady=np.zeros((len(inputs), len(count)), dtype=bool),
         ),
         rows,
     )

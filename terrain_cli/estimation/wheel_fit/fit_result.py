@@ -14,7 +14,7 @@ from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS,
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -137,17 +137,6 @@ class Fit(Parameters):
         ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
         return np.asarray(np.clip(ratio, -1.0, 1.0))
 
-    def away(self, values: Mapping[str, float]) -> Array:
-        """Return how far the data are from values of windows' own parameters: χ² of all of them, shape (w,).
-
-        Without the priors on them, which may be far from these values themselves.
-        """
-        places = [self.names.index(name) for name in values]
-        known = normal_equations.inverse(self.covariance[:, places][:, :, places])
-        known = known - np.diag([self.priors[name][1] ** -2.0 for name in values])
-        apart = np.stack([self.values[name] - value for name, value in values.items()], axis=1)
-        return np.asarray(np.einsum("wa,wab,wb->w", apart, known, apart))
-
     @property
     def condition_number(self) -> Array:
         """Condition number of the errors of c and tan φ, both scaled: 100 is a correlation of −0.9998."""
@@ -238,8 +227,9 @@ def parameters(
         at_bound = (there <= unknown.lower + _AT_BOUND) | (there >= unknown.upper - _AT_BOUND)
         if column < found.at_bound.shape[1]:
             at_bound = at_bound | found.at_bound[:, column]
-            bounded[name] = at_bound & known
             told[name] = (width[:, column] < SURELY_TOLD) & known
+            # Of what the data do not tell, they do not tell that either.
+            bounded[name] = at_bound & told[name]
         undetermined[name] = (found.wide[:, column] > LARGEST_OPEN) | at_bound | ~known
         if name in soil:
             values[name] = unknown.value(there) * blank

@@ -19,6 +19,7 @@ from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import student
 from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
 from terrain_cli.estimation.wheel_fit import damped_search, missing_effects, valley
+from terrain_cli.estimation.wheel_fit.channel_series import BY_CHANCE, EACH, spikes, steadied
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
@@ -36,7 +37,6 @@ from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
-from terrain_cli.estimation.wheel_fit.steady_slip import EACH, steadied
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.estimation.wheel_fit.window_search import (
     ENOUGH,
@@ -62,8 +62,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
-#: Samples of pure noise that are left out of a whole log, on average. Judged.
-_BY_CHANCE = 0.01
 #: Share of a window's samples above which it is the model that misses, and not they. Judged.
 _MOST = 0.1
 #: Passes in which the true values of the inputs come to rest.
@@ -80,7 +78,7 @@ _GROUP = 100_000
 
 def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:
     """Tell which samples are too far from a robust fit, of these or of some, for the noise of `problem`."""
-    limits = _squares(data.measured.shape[0], _BY_CHANCE / max(data.measured.shape[1], 1))
+    limits = _squares(data.measured.shape[0], BY_CHANCE / max(data.measured.shape[1], 1))
     far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])
     wild = np.zeros(data.measured.shape[1], dtype=bool)
     if len(far):
@@ -100,7 +98,7 @@ def _squared(problem: Problem, data: FitData, found: State, order: int | None, p
         rows = slice(data.bounds[block[0]], data.bounds[block[-1] + 1])
         squared[rows] = np.einsum("an,an->n", equations.residual, equations.residual)
 
-    latent = np.array([data.channels[name] for name in data.inputs])
+    latent = data.given.copy()
     for _ in range(passes):
         accumulate(problem, data, found.t, found.common, latent, order=order, each=keep)
     return squared
@@ -162,7 +160,8 @@ def fit(
     """
     data, rows = collect(model, channels, bounds, given)
     if correlated and not by_differences:
-        data = steadied(data)
+        data, kept = data.without(spikes(data))
+        data, rows = steadied(data, second), rows[kept]
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     sought = unknowns(
@@ -183,7 +182,7 @@ def fit(
         learner = (
             ScaledDifferences(data, ordered=correlated)
             if by_differences
-            else _likely_noise(problem, data, ordered=correlated, near=True)
+            else _likely_noise(problem, data, ordered=correlated, second=second, near=True)
         )
         if begun is None or begun.relative.keys() != learner.noise.relative.keys():
             problem, dof, state = _learn(problem, data, learner)
@@ -195,7 +194,7 @@ def fit(
         problem = replace(problem, robust=robust)
         likely = [replace(likely[0], problem=problem, begun=near)]
         if learner is not None:
-            likely = _anew(likely[0], data, state, ordered=correlated)
+            likely = _anew(likely[0], data, state, ordered=correlated, second=second)
     fits = [_fitted(one, data, correlated=correlated, tempered=by_differences) for one in likely]
     found, problem = mixed([part for part, _ in fits], likely), likely[0].problem
     order = enough_nodes(problem.noise, data)
@@ -234,15 +233,18 @@ def fit(
     return replace(result, moved=moved)
 
 
-def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool) -> list[Learnt]:
+def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, second: float) -> list[Learnt]:
     """Learn the noise of samples without wild ones, to the end; of few samples every noise that is likely.
 
     `near` is what was learnt of all samples, and `ended` where the last search for it did, if there was one.
     """
     problem = near.problem
     if 0 < data.measured.shape[1] <= FEW:
-        usual = replace(problem, noise=_likely_noise(problem, data, ordered=ordered).noise)
-        learners = [(_likely_noise(problem, data, ordered=ordered), one) for one in beginnings(usual, data)]
+        usual = replace(problem, noise=_likely_noise(problem, data, ordered=ordered, second=second).noise)
+        learners = [
+            (_likely_noise(problem, data, ordered=ordered, second=second), one)
+            for one in beginnings(usual, data)
+        ]
         found = modes(data, ((learner, *_learn(problem, data, learner, one)) for learner, one in learners))
         if found:
             return found
@@ -251,7 +253,9 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool) ->
         return [near]
     # Anew where the first one was lost: its end hangs on the last digit.
     certain = ended is None or bool(ended.converged.all())
-    learner = _likely_noise(problem, data, ordered=ordered, begun=problem.noise if certain else None)
+    learner = _likely_noise(
+        problem, data, ordered=ordered, second=second, begun=problem.noise if certain else None
+    )
     problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
     begun = end if _of_all(end, data) else near.begun
     if begun is not None and (lower := lower_elsewhere(problem, data, begun)) is not None:
@@ -270,10 +274,16 @@ def _of_all(ended: State | None, data: FitData) -> bool:
 
 
 def _likely_noise(
-    problem: Problem, data: FitData, *, ordered: bool, near: bool = False, begun: Noise | None = None
+    problem: Problem,
+    data: FitData,
+    *,
+    ordered: bool,
+    second: float,
+    near: bool = False,
+    begun: Noise | None = None,
 ) -> LikelyNoise:
     size = len(problem.unknowns.local) + len(problem.unknowns.shared)
-    return LikelyNoise(data, size, ordered=ordered, near=near, begun=begun)
+    return LikelyNoise(data, size, ordered=ordered, second=second, near=near, begun=begun)
 
 
 def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) -> tuple[Posterior, Mask]:
@@ -316,11 +326,8 @@ def _without_wild(
         found = settled_search(problem, some, found, order)
     wild = wild_samples(problem, data, found, order)
     ends = found if some.measured.shape[1] < data.measured.shape[1] else None
-    if not wild.any():
-        return data, rows, ends
-    kept = np.flatnonzero(~wild)
-    bounds = np.searchsorted(kept, data.bounds)
-    return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept], ends
+    data, kept = data.without(wild)
+    return data, rows[kept], ends
 
 
 def _learn(

@@ -76,7 +76,7 @@ class Normal:
 def initial(data: FitData, t: Array, common: Array) -> State:
     """Begin at t, shape (w, p), and common, shape (q,), with the measured values for the true ones."""
     converged, lost = np.zeros((2, len(t)), dtype=bool)
-    latent = np.array([data.channels[name] for name in data.inputs])
+    latent = data.given.copy()
     return State(
         t=t.copy(),
         common=common.copy(),

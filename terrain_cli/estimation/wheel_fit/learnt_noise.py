@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.moments import window_products
+from terrain_cli.estimation.line.moments import segment_sum, window_products
+from terrain_cli.estimation.wheel_fit.channel_series import NORMAL_MEDIAN, LargestNoise
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, CHANNELS, Noise, level
 from terrain_cli.estimation.wheel_fit.linearised import solve_lower
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 USUAL = 0.03
 #: Channels that pass through zero: their noise is no share of their value.
 _ABSOLUTE = frozenset({"drawbar_pull"})
-#: Median of the magnitude of a standard normal number.
-_NORMAL_MEDIAN = 0.6745
 #: Least noise of noise-free data, as a share.
 _LEAST_DIFFERENCES = 1e-6
 #: Rounds at the most, and the change of the noise that is the last.
@@ -61,6 +60,8 @@ _LONGEST, _LEAST = 1.5, 1e-6
 #: the last. So many know the noise of a channel by 3 %, and no error changes by more; near is enough to
 #: tell what is none.
 _WHOLE, _NEAR = (20, 3_000, 0.05), (8, 600, 0.5)
+#: Steps uphill in each round, where channels say something of their noise themselves.
+_UPHILL = 8
 #: A noise known better than by a tenth changes no error noticeably.
 _SURE = 0.1
 #: Least share of a step.
@@ -135,7 +136,7 @@ def from_differences(channels: Mapping[str, Array], bounds: Bounds) -> Noise:
             second = np.divide(second, size, out=np.full_like(second, np.nan), where=size > 0.0)
         second = second[np.isfinite(second)]
         usual = USUAL * (level(column) if size is None else 1.0)
-        deviation = float(np.median(second)) / _NORMAL_MEDIAN if len(second) else usual
+        deviation = float(np.median(second)) / NORMAL_MEDIAN if len(second) else usual
         (absolute if size is None else relative)[name] = deviation
     # One channel of which the file gives few digits, or a constant, is not without noise.
     return Noise({name: max(share, 1e-3) for name, share in relative.items()}, absolute)
@@ -203,18 +204,40 @@ class LikelyNoise:
     """Steps towards the most likely noise."""
 
     def __init__(
-        self, data: FitData, size: int, *, ordered: bool, near: bool = False, begun: Noise | None = None
+        self,
+        data: FitData,
+        size: int,
+        *,
+        ordered: bool,
+        second: float,
+        near: bool = False,
+        begun: Noise | None = None,
     ) -> None:
         """Begin with what is usual, or with what was `begun`: learnt from other samples of these sensors.
 
         `size` is the number of own and shared unknowns of a window; `ordered` says that samples follow each
-        other in time, and `near` that nearly right is enough.
+        other in time, so many in a `second`, and `near` that nearly right is enough.
         """
         self._ordered = ordered
         self.rounds, self.samples, self._last_step = _NEAR if near else _WHOLE
         channels = {**data.channels, **dict(zip(data.outputs, data.measured, strict=True))}
         names = (*data.inputs, *(name for name in data.outputs if name != BALANCE))
         self._prior = usual_noise({name: channels[name] for name in names})
+        self._sizes = np.array(
+            [
+                segment_sum(
+                    channels[name] ** 2 if kind == "relative" else np.ones(len(channels[name])), data.bounds
+                )
+                for name, kind in self._prior.terms
+            ]
+        ) / np.maximum(data.count, 1)
+        steady = dict(zip(data.inputs, data.steady, strict=True))
+        never = np.zeros(len(data.windows), dtype=bool)
+        self._largest = {
+            name: LargestNoise.of(channels[name], data, steady.get(name, never), second)
+            for name in names
+            if ordered
+        }
         self._size, self._steps = size, np.zeros(len(self._prior.terms))
         self._known, self._last = inverse(self._prior.precision), np.zeros(len(self._steps))
         self._share = 1.0
@@ -270,11 +293,11 @@ class LikelyNoise:
         ratio = max(self._found.sum() / max(expected.sum(), 1.0), _LEAST**2)
         scale = 0.5 * np.log(ratio)
         independent = 1.0 / self.lasting
-        information = 2.0 * independent * self._shared + prior.precision
-        self._known = inverse(information)
         told = independent * (self._found / ratio - expected)
-        slope = told - prior.precision @ (self._steps + scale)
-        step = scale + np.clip(self._known @ slope, -_LONGEST, _LONGEST)
+        to, information = self._uphill(
+            self._steps + scale, told, 2.0 * independent * self._shared, independent
+        )
+        self._known, step = inverse(information), to - self._steps
         # Scoring overshoots where two terms of a channel are hard to tell apart: steps that swing to and
         # fro are shortened, as those of the search.
         swings = step @ information @ self._last < 0.0
@@ -283,6 +306,51 @@ class LikelyNoise:
         self._steps = np.maximum(self._steps + self._share * step, _LOWEST)
         self.noise = prior.at(self._steps)
         return bool(step @ information @ step < self._last_step**2)
+
+    def _uphill(self, start: Array, told: Array, known: Array, independent: float) -> tuple[Array, Array]:
+        """Return the best logarithms by slope and information of the residuals, and the information there.
+
+        Beside them stand the prior and what the channels say themselves: that is no parabola, and takes
+        several steps, each of which rises.
+        """
+        precision = self._prior.precision
+
+        def height(to: Array) -> float:
+            way = to - start
+            log, _, _ = self._beyond_largest(to)
+            return float(told @ way - 0.5 * (way @ known @ way + to @ precision @ to) + independent * log)
+
+        to = start
+        for _ in range(_UPHILL if self._largest else 1):
+            _, beyond, stiff = self._beyond_largest(to)
+            information = known + precision + independent * stiff
+            slope = told - known @ (to - start) - precision @ to + independent * beyond
+            step = np.clip(np.linalg.solve(information, slope), -_LONGEST, _LONGEST)
+            here = height(to)
+            while np.abs(step).max() > _SHORTEST * _SURE and height(to + step) < here:
+                step = 0.5 * step
+            to = to + step
+        return to, information
+
+    def _beyond_largest(self, steps: Array) -> tuple[float, Array, Array]:
+        """Return the log likelihood of what channels say of their noise, its slope and information.
+
+        It is that of a variance with its degrees of freedom, where the noise exceeds it or must equal it.
+        """
+        log, score, information = 0.0, np.zeros(len(steps)), np.zeros((len(steps), len(steps)))
+        noise = self._prior.at(steps)
+        squares = np.array([getattr(noise, kind)[name] ** 2 for name, kind in self._prior.terms])
+        parts = squares[:, None] * self._sizes
+        for name, largest in self._largest.items():
+            rows = [row for row, (other, _) in enumerate(self._prior.terms) if other == name]
+            whole = parts[rows].sum(axis=0)
+            there = (largest.degrees > 0.0) & (largest.steady | (whole > largest.variance)) & (whole > 0.0)
+            share, degrees = parts[rows][:, there] / whole[there], largest.degrees[there]
+            left = largest.variance[there] / whole[there]
+            score[rows] = share @ (degrees * (left - 1.0))
+            information[np.ix_(rows, rows)] = 2.0 * (share * degrees) @ share.T
+            log += 0.5 * float(np.sum(degrees * (np.log(left) + 1.0 - left)))
+        return log, score, information
 
     @property
     def lasting(self) -> float:
@@ -300,9 +368,10 @@ class LikelyNoise:
 
     @property
     def log_weight(self) -> float:
-        """Logarithm of what the prior makes of this noise, and of how many others are as good."""
+        """Logarithm of what prior and channels make of this noise, and of how many others are as good."""
         squares = self._steps @ self._prior.precision @ self._steps
-        return 0.5 * float(np.linalg.slogdet(self._known)[1] - squares)
+        log, _, _ = self._beyond_largest(self._steps)
+        return 0.5 * float(np.linalg.slogdet(self._known)[1] - squares) + log
 
     def others(self) -> tuple[tuple[Noise, Noise], ...]:
         """Return noise one standard error to either side, along the axes in which it is not known well."""

@@ -69,11 +69,10 @@ class Problem:
         """Predict all samples of some windows, at t, shape (w, p), and common, shape (q,).
 
         `by`: differentiate by the unknowns, and by the inputs that are not exact; `latent`: true values of
-        the inputs, by default the measured ones, shape (inputs, n).
+        the inputs, by default those `given`, shape (inputs, n).
         """
-        channels = data.channels
-        if latent is not None:
-            channels = {**channels, **dict(zip(data.inputs, latent, strict=True))}
+        latent = data.given if latent is None else latent
+        channels = {**data.channels, **dict(zip(data.inputs, latent, strict=True))}
         sought = (*self.unknowns.local, *self.unknowns.shared)
         noisy = [
             name for name in data.inputs if self.noise.relative.get(name) or self.noise.absolute.get(name)
@@ -118,8 +117,7 @@ class Equations:
         """Return the true values of the inputs that go best with the residuals, shape (inputs, n)."""
         most = _FARTHEST / np.sqrt(np.repeat(data.excess, data.count))
         offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -most, most)
-        measured = np.array([data.channels[name] for name in data.inputs])
-        return data.possible(measured + self.spread * offset)
+        return data.possible(data.given + self.spread * offset)
 
     @_QUIET
     def ways(self) -> Array:
@@ -155,9 +153,8 @@ def equations(
     spread = np.sqrt(
         [problem.noise.variance(name, row) * excess for name, row in zip(data.inputs, latent, strict=True)]
     )
-    if data.steady.any():
-        spread[data.inputs.index("slip"), data.steady] = 0.0
-    measured = np.array([data.channels[name] for name in data.inputs])
+    spread[np.repeat(data.steady, count, axis=1)] = 0.0
+    measured = data.given
 
     # Columns: the residual, the unknowns, the inputs.
     table = np.zeros((len(data.outputs), 1 + size + len(data.inputs), n))

@@ -72,7 +72,7 @@ def scores(
     """
     model = replace(problem.model, effects=(*problem.model.effects, *effects))
     added = [unknown(model, effect.qualified(one)) for effect in effects for one in effect.parameters]
-    latent = np.array([data.channels[name] for name in data.inputs])
+    latent = data.given.copy()
     for _ in range(_STEPS):
         accumulate(problem, data, t, common, latent, order=_ORDER)
     sought = replace(problem.unknowns, shared=(*problem.unknowns.shared, *added))
