@@ -2,8 +2,7 @@
 
 Wild samples are too far from the fit for noise: spikes, dropped digits, the edge of another soil. A few lead
 a fit by least squares astray however many samples there are. They are found by a robust fit (Huber's
-weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 and 4.4). Samples of noise alone
-stay, so that nothing is lost on clean data.
+weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 and 4.4).
 """
 
 from __future__ import annotations
