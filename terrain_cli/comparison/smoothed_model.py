@@ -231,6 +231,33 @@ def nearby(
     return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}, moved
 
 
+def with_own_load(data: SmoothedData, load: Array | None, share: float) -> SmoothedData:
+    """Add to the interpolated load a share of what the measured `load` of each sample is off it."""
+    if load is None or share == 0.0:
+        return data
+    smooth = data.inputs["load"]
+    return replace(data, inputs={**data.inputs, "load": smooth + share * np.nan_to_num(load - smooth)})
+
+
+def felt(model: Model, data: SmoothedData, numbers: Mapping[str, Array], load: Array) -> float:
+    """Return which share of what the measured `load` of samples is off their neighbours' every channel shows.
+
+    Rough ground changes the load from sample to sample; so does noise, to which no wheel answers, and which
+    lowers the slope of what is measured over what is predicted by as much (regression calibration, Carroll
+    et al. 2006, Measurement Error in Nonlinear Models, chapter 4). A sensor that is late shows less of it.
+    Where more than half is noise, neighbours tell the load better, and the answer is 0.
+    """
+    smooth, rough = (forecast(model, with_own_load(data, load, share), numbers)[0] for share in (0.0, 1.0))
+    shares = []
+    for name in data.white.channels:
+        change, off = rough[name] - smooth[name], data.measured[name] - smooth[name]
+        known = data.use & np.isfinite(change) & np.isfinite(off)
+        size = float(change[known] @ change[known])
+        shares.append(float(change[known] @ off[known]) / size if size > 0.0 else 0.0)
+    least = min(shares, default=0.0)
+    return min(least, 1.0) if least > 0.5 else 0.0
+
+
 def residual(data: SmoothedData, predicted: Mapping[str, Array]) -> Array:
     """Return what is left of the channels, (n, c), in units of the noise; 0 where nothing is measured.
 

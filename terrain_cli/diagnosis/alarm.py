@@ -177,7 +177,7 @@ def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
         first = next(one for one in scored if one.id == order[0])
         p_value = min(p_value, max(min(found.p_values.values()), _of_fitted_gain(wheels, block, first)))
-    raised = p_value < criteria.LEVEL and found.share(order[0]) >= criteria.SMALLEST_SHARE
+    raised = p_value < criteria.LEVEL and max(found.shares(order[0]).values()) >= criteria.SMALLEST_SHARE
     return EffectScores(p_value=p_value, raised=raised, effects=tuple(order), unrecorded=unrecorded)
 
 

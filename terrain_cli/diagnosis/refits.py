@@ -43,6 +43,7 @@ class Ground:
     block: list[Index]  # Block of each of these
     data: list[SmoothedData]
     base: list[Solution]
+    felt: list[float]  # Share of what the load of a sample is off its neighbours that each wheel answers to
 
     @cached_property
     def neutral(self) -> list[Solution]:
@@ -81,14 +82,16 @@ class Refit:
 def ground(
     wheels: Sequence[FittedWheel], block: Sequence[Index], most: int, like: Ground | None = None
 ) -> Ground:
-    """Fit the base to evenly thinned samples; with the noise of `like`, so that losses can be compared."""
+    """Fit the base to evenly thinned samples; with noise and load of `like`, so that losses compare."""
     step = max(1, -(-sum(len(wheel) for wheel in wheels) // most))
-    rows, kept, datas, solutions = [], [], [], []
+    rows, kept, datas, solutions, felt = [], [], [], [], []
     blocks = 1 + max(int(one.max(initial=-1)) for one in block)
     for index, wheel in enumerate(wheels):
         white = like.data[index].white if like is not None else None
         data = replace(wheel.least_squares_data(white), blocks=blocks)
         some = np.arange(0, len(wheel), step)
+        felt.append(like.felt[index] if like is not None else _felt(wheel, data, some))
+        data = smoothed_model.with_own_load(data, wheel.channels.get("load"), felt[-1])
         thin = smoothed_model.thinned(data, some)
         t, common = wheel.beginning()
         solution = smoothed_fit.search(wheel.model, wheel.sought, thin, ((t, common), (None, common)))
@@ -100,7 +103,15 @@ def ground(
         kept.append(block[index][some])
         datas.append(thin)
         solutions.append(solution)
-    return Ground(list(wheels), rows, kept, datas, solutions)
+    return Ground(list(wheels), rows, kept, datas, solutions, felt)
+
+
+def _felt(wheel: FittedWheel, data: SmoothedData, rows: Index) -> float:
+    """Return how much the wheel answers to what some samples' load is off their neighbours."""
+    if not wheel.ordered or "load" not in data.inputs:
+        return 0.0
+    thin, load = smoothed_model.thinned(data, rows), wheel.channels["load"][rows]
+    return smoothed_model.felt(wheel.model, thin, wheel.of_samples(rows), load)
 
 
 def _noise(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> whitening.Whitening:
@@ -321,16 +332,19 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
 _COMPUTED = ("read", "measured", "predicted", "residuals", "noise")
 
 
-def on_wheel(wheel: FittedWheel, solution: Solution, fixed: Mapping[str, float]) -> FittedWheel:
-    """Return a wheel with what a refit found, and with parameters that it held."""
-    solved = copy.copy(wheel)
-    for name in _COMPUTED:
-        solved.__dict__.pop(name, None)
-    solved.model = solution.model
-    solved.seek(solution.unknowns)
-    held = {name: np.full(len(wheel.windows), value) for name, value in fixed.items()}
-    solved.parameters = {**wheel.parameters, **held, **smoothed_fit.parameters(solution)}
-    return solved
+def on_wheels(data: Ground, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
+    """Return the wheels with what a refit of a hypothesis found, and with parameters that it held."""
+    found = []
+    for wheel, solution in zip(data.wheels, refit.solutions, strict=True):
+        solved = copy.copy(wheel)
+        for name in _COMPUTED:
+            solved.__dict__.pop(name, None)
+        solved.model = solution.model
+        solved.seek(solution.unknowns)
+        held = {name: np.full(len(wheel.windows), value) for name, value in one.fixed.items()}
+        solved.parameters = {**wheel.parameters, **held, **smoothed_fit.parameters(solution)}
+        found.append(solved)
+    return found
 
 
 def fitted_anew(wheel: FittedWheel, one: Hypothesis) -> FittedWheel:

@@ -51,10 +51,12 @@ class Screened:
     # shape (blocks, m): scores of all columns that can be tested, of what the strongest effect leaves
     blocks: Array = field(default_factory=lambda: np.zeros((0, 0)))
     columns: list[_Columns] = field(default_factory=list)
+    lasting: bool = False  # What the strongest effect leaves lasts for longer than short blocks
 
-    def share(self, effect: str) -> float:
-        """Return how large an effect is, over the size of the channel where that is most (to first order)."""
-        return max((part.share(effect) for part in self.columns), default=0.0)
+    def shares(self, effect: str) -> dict[str, float]:
+        """Return how large an effect is, over the size of each channel, in the wheel where that is most."""
+        each = [part.shares(effect) for part in self.columns]
+        return {name: max((one.get(name, 0.0) for one in each), default=0.0) for name in UNITS}
 
     def held_out_gain(self, effect: str) -> Array:
         """Return what an effect, fitted to the others, takes off the squares of each (to first order)."""
@@ -142,17 +144,21 @@ def on_changing_soil(every: Sequence[Hypothesis]) -> tuple[list[Hypothesis], lis
 
 
 def screen(
-    wheels: Sequence[FittedWheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis], seed: int
+    wheels: Sequence[FittedWheel],
+    block: Sequence[Index],
+    hypotheses: Sequence[Hypothesis],
+    seed: int,
+    better: Sequence[FittedWheel] = (),
 ) -> Screened:
-    """Score every hypothesis."""
+    """Score every hypothesis, in blocks as long as what the strongest leaves, once fitted in `better`."""
     parts = _columns(wheels, block, hypotheses)
     found = Screened(columns=parts)
-    best = _strongest(parts, hypotheses)
-    left = [part.beyond(best) for part in parts]
-    found.blocks = np.concatenate(
-        [one[:, part.testable] for one, part in zip(left, parts, strict=True)], axis=1
-    )
-    longer = [part.in_longer_blocks(best) for part in parts]
+    gains = {one.id: sum(part.explained(one.id) for part in parts) for one in hypotheses}
+    left = [part.left_by(max(gains, key=lambda name: gains[name], default="")) for part in parts]
+    found.blocks = np.concatenate([part.beyond(one) for part, one in zip(parts, left, strict=True)], axis=1)
+    rest = [part.left_in(one) for part, one in zip(parts, better, strict=True)] if better else left
+    longer = [part.in_longer_blocks(one) for part, one in zip(parts, rest, strict=True)]
+    found.lasting = any(one is not None for one in longer)
     # Of drives alone: each steady point is a stretch of its own.
     even = [
         part.testable & (wheel.ordered and other is None)
@@ -220,12 +226,6 @@ def _columns(
     return [_Columns(wheel, own, blocks, hypotheses, step) for wheel, own in zip(wheels, block, strict=True)]
 
 
-def _strongest(parts: Sequence[_Columns], hypotheses: Sequence[Hypothesis]) -> str:
-    """Return the effect that explains most to first order."""
-    gains = {one.id: sum(part.explained(one.id) for part in parts) for one in hypotheses}
-    return max(gains, key=lambda name: gains[name], default="")
-
-
 def _assumed(found: Screened, one: Hypothesis) -> None:
     """Let an assumption of the base through to the refits, where it is judged by its held-out error."""
     found.scores[one.id] = np.nan
@@ -248,7 +248,7 @@ class _Columns:
     def __init__(
         self, wheel: FittedWheel, block: Index, blocks: int, hypotheses: Sequence[Hypothesis], step: int
     ) -> None:
-        rows = np.arange(0, len(wheel), step)
+        self.rows = rows = np.arange(0, len(wheel), step)
         known = signatures.evidence(wheel, rows)
         self.noise_known = all(np.isfinite(level.deviation) for level in wheel.noise.values())
         names = known.white.channels
@@ -279,28 +279,34 @@ class _Columns:
         )
         self.raw = np.abs(columns).max(axis=(0, 1)) > 1e-9 if columns.size else np.zeros(0, dtype=bool)
 
-    def beyond(self, effect: str) -> Array:
-        """Return the scores of all columns in what an effect leaves, by block."""
-        residual = self._left_by(effect)
-        return products(self.left, residual[..., None], self.block, len(self.scores.blocks))[..., 0]
+    def beyond(self, left: Array) -> Array:
+        """Return the scores of the columns that can be tested in what an effect has left, by block."""
+        shown = self.left[:, :, self.testable]
+        return products(shown, left[..., None], self.block, len(self.scores.blocks))[..., 0]
 
-    def _left_by(self, effect: str) -> Array:
+    def left_by(self, effect: str) -> Array:
+        """Return what an effect leaves of the residual, to first order."""
         return np.asarray(self.evidence.residual - self._explained_by(self._best_shape(effect)))
 
-    def in_longer_blocks(self, effect: str) -> Scores | None:
-        """Score in longer blocks, if the scores of what an effect leaves are related; else None.
+    def left_in(self, wheel: FittedWheel) -> Array:
+        """Return what another model of the wheel leaves, in the same units."""
+        white, known = self.evidence.white, self.evidence.known
+        return white(
+            {name: np.nan_to_num(wheel.residuals[name][self.rows]) for name in white.channels}, known
+        )
+
+    def in_longer_blocks(self, left: Array) -> Scores | None:
+        """Score in longer blocks, if the scores of what an effect has left are related; else None.
 
         The scores of an effect that is missing are related themselves.
         """
         if self.short_block is self.block:
             return None
         own, count = self.without_memory, int(self.short_block.max(initial=-1)) + 1
-        shown, left = own(self.left[:, :, self.testable]), own(self._left_by(effect))
-        found = products(shown, left[..., None], self.short_block, count)[..., 0]
+        shown, rest = own(self.left[:, :, self.testable]), own(left)
+        found = products(shown, rest[..., None], self.short_block, count)[..., 0]
         label = long_enough(found, independent=criteria.UNRELATED_SHORT_SCORES)
-        if label is None:
-            return None
-        return replace(self.short, blocks=joined(self.short.blocks, label))
+        return None if label is None else replace(self.short, blocks=joined(self.short.blocks, label))
 
     def explained(self, *effects: str) -> float:
         """Return what effects take off the sum of squares together, to first order."""
@@ -321,11 +327,11 @@ class _Columns:
             return np.zeros_like(self.evidence.residual)
         return np.asarray(self.left[:, :, columns] @ self.scores.fit(columns, _WIDTH**-2.0)[0])
 
-    def share(self, effect: str) -> float:
-        """Return how large an effect is, over the size of the channel where that is most."""
+    def shares(self, effect: str) -> dict[str, float]:
+        """Return how large an effect is to first order, over the size of each channel."""
         shown = self._explained_by(self._best_shape(effect))
         there = self.evidence.white.undone(shown, self.evidence.known)
-        return max(float(np.sqrt(np.mean(one**2))) / self.sizes[name] for name, one in there.items())
+        return {name: float(np.sqrt(np.mean(one**2))) / self.sizes[name] for name, one in there.items()}
 
     def held_out_gain(self, effect: str) -> Array:
         """Return by block what an effect gains there, fitted to the other blocks of this wheel."""

@@ -158,6 +158,10 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     told = next((one for one in laws if refit_ranking.beats(one.refit, least)), None)
     p_value = max(before.p_value, alarm.at_level(gain))
     shares = alarm.shares(ranked.data, ranked.base, told.refit if told else least)
+    if told is None:
+        # An interpolated load does not have the quick changes in which a lag is largest.
+        first = ranked.log.found.shares(least.id)
+        shares = {name: float(np.fmax(share, first.get(name, 0.0))) for name, share in shares.items()}
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)
     return Alarm(
@@ -325,12 +329,6 @@ def candidates(
     return [*(candidate(one, refit) for one, refit in ranked), *sorted(rest, key=lambda one: one.loss)]
 
 
-def _solved(log: DiagnosedLog, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
-    """Return the wheels with what a refit found."""
-    pairs = zip(log.data.wheels, refit.solutions, strict=True)
-    return [refits.on_wheel(wheel, solution, one.fixed) for wheel, solution in pairs]
-
-
 def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> dict[str, float]:
     """Return the held-out errors with a hypothesis, of the kind that `compare` and `model add` print.
 
@@ -338,7 +336,7 @@ def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -
     """
     if anew:
         return _errors(log, [refits.fitted_anew(wheel, one) for wheel in log.data.wheels])
-    return _errors(log, _solved(log, one, refit))
+    return _errors(log, refits.on_wheels(log.data, one, refit))
 
 
 def as_it_is(log: DiagnosedLog) -> dict[str, float]:
@@ -357,7 +355,7 @@ def _errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[str, float
 
 def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -> float:
     """Return how often chance gives what other effects score once one is in the model."""
-    wheels = _solved(log, one, refit)
+    wheels = refits.on_wheels(log.data, one, refit)
     others = [
         other
         for other in log.hypotheses

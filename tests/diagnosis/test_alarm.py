@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hidden_drives import Kind, windows_of
+from hidden_drives import Kind, sized, windows_of
 from scipy import stats
 
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnose
-from terrain_cli.diagnosis.alarm import of_gain, of_gain_in_most, of_points
+from terrain_cli.diagnosis.alarm import missing_effects, of_gain, of_gain_in_most, of_points
+from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.models import ModelFile
 
 
@@ -78,3 +79,13 @@ def test_soil_that_varies_along_the_drive_is_no_effect():
     found = diagnose(windows_of(78900031, Kind(noise="soil-unlabelled")), ModelFile(), seed=78900031)
     assert not found.alarm.raised
     assert found.alarm.p_value > 0.05
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_a_large_effect_leaves_to_first_order_is_no_soil_that_varies(seed):
+    """It lasts as that does: blocks as long as passes had no score beyond chance."""
+    drive = windows_of(seed, Kind(sized("multi-pass"), share=0.01, seconds=64.0))
+    file = ModelFile()
+    case = Case(file=file, effects=missing_effects(file), seed=0, progress=lambda _: None)
+    found = scores(case, soils(case, drive)).found
+    assert found.p_values["multi-pass"] < 0.001

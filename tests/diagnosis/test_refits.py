@@ -1,13 +1,16 @@
 """What an effect leaves on held-out blocks, as `compare` has it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hidden_drives import Kind, windows_of
+from hidden_drives import Kind, Rover, sized, windows_of
 
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import refits
+from terrain_cli.diagnosis import diagnose, refits
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
 
 
 @pytest.fixture(scope="module")
@@ -23,3 +26,32 @@ def test_a_right_model_leaves_the_noise_also_of_a_channel_of_which_no_level_is_k
     assert found.keys() == wheel.measured.keys() > levels.keys()
     for name, error in found.items():
         assert error == pytest.approx(wheel.noise[name].deviation, rel=0.1)
+
+
+def over_rough_ground(seed, seconds, effects):
+    """Return the windows of a drive whose load is another one from sample to sample, by 15 %."""
+    kind = Kind(effects, share=0.01, seconds=seconds)
+    away = 1.0 + 0.15 * np.random.default_rng(seed).standard_normal(int(seconds * kind.rate) + 1).clip(-3, 3)
+    rough = Rover(rough=lambda t: np.interp(t, np.arange(len(away)) / kind.rate, away))
+    return windows_of(seed, replace(kind, rover=rough), "none")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_load_that_changes_from_sample_to_sample_is_no_noise(seed):
+    """Interpolated from its neighbours it left seven to ten times the noise."""
+    (windows,) = over_rough_ground(seed, 32.0, {})
+    wheel = FittedWheel(windows, Model(), FitSettings({"shear_modulus": 0.018}, {}, (), None))
+    data = refits.ground([wheel], [np.arange(len(wheel)) // 40], 3_000)
+    left = data.data[0].white.undone(data.base[0].residual, data.data[0].seen)
+    for name, error in left.items():
+        assert float(np.std(error)) < 1.5 * wheel.noise[name].deviation
+
+
+def test_a_lag_is_no_smaller_than_quick_changes_show():
+    """Predicted from an interpolated load it took a quarter of what it truly takes."""
+    late, true = (over_rough_ground(2, 64.0, effects) for effects in (sized("sensor-lag"), {}))
+    shown, torque = (one.samples.channels["torque"] for (one,) in (late, true))
+    found = diagnose(late, ModelFile())
+    assert found.alarm.raised
+    size = float(np.sqrt(np.mean((shown - torque) ** 2) / np.mean(shown**2)))
+    assert 0.5 * size < found.alarm.share < size
