@@ -10,7 +10,8 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
+from terrain_cli.diagnosis.conclusion import Conclusion, Evidence, conclude
+from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted, entries, known, listed, short
@@ -41,7 +42,7 @@ def conclusion_of(evidence: Evidence, comparison: Comparison, asked: Asked | Non
 
 def looked_at(found: Conclusion, comparison: Comparison, asked: Asked | None = None) -> str:
     """Return the command that looks further where a conclusion has none: the soil of a model that fits."""
-    return looked("estimate" if found.state == "fits" else "diagnose", asked or _asked(comparison))
+    return (asked or _asked(comparison)).looked("estimate" if found.state == "fits" else "diagnose")
 
 
 def conclusion_document(conclusion: Conclusion) -> dict[str, Any]:

@@ -16,8 +16,7 @@ from terrain_cli.vocabulary.quantities import entries, known, listed, short
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, NextDrive
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, NextDrive
     from terrain_cli.diagnosis.screening import Screened
 
 FORMAT = "terrain-est/diagnosis/1"
