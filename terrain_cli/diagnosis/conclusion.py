@@ -183,7 +183,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         size = _size(above) if above else _not_random(known)
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
-        first = _first(drive, found.checks if alike else ())
+        first = _first(found) if alike else ""
         told = f"The model misses something: {size}, and {cause}.{first} Next: {command}"
         return Conclusion("explained", told, command, drive=drive)
     if found.small and not few:
@@ -207,16 +207,18 @@ def _unseen(found: Evidence) -> str:
     )
 
 
-def _first(drive: str, checks: tuple[str, ...]) -> str:
+def _first(found: Evidence) -> str:
     """Say what to do before an effect is added that others look like."""
+    drive, checks = found.drive, found.checks
     if not drive and not checks:
         return ""
     check = listed(list(checks), "or") if checks else ""
+    tell = "tell all of them apart" if len(found.family) > 1 else "rule out all others"
     if not drive:
-        told = f" No drive tells all of them apart: first {check}."
+        told = f" No drive can {tell}: first {check}."
     else:
         told = f" First take this drive, and diagnose both logs together: {drive}."
-        told += f" Also {check}: the drive does not tell all of them apart." * bool(checks)
+        told += f" Also {check}: the drive does not {tell}." * bool(checks)
     return f"{told} Without it, only the held-out error can choose."
 
 
@@ -360,12 +362,11 @@ def _record(found: Evidence, *, few: bool) -> str:
     """Say what to measure."""
     if few:
         return _more(found)
+    again = "Repeat the test points in another order" if found.points else "Drive the same track again"
+    told = f"{again}. If the misfit returns, the model lacks something; if it changes, the soil varies."
     if not found.unrecorded:
-        return (
-            "Drive the same track again. "
-            "If the misfit returns, the model lacks something; if it changes, the soil varies."
-        )
+        return told
     named = [name.replace("_", " ") for name in found.unrecorded]
     more = named[:_MOST_NAMED]
     such = ", such as" if len(named) > len(more) else ":"
-    return f"Also record a channel that effects need{such} {listed(more, 'or')}."
+    return f"{told} Also record a channel that effects need{such} {listed(more, 'or')}."

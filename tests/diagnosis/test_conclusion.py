@@ -105,9 +105,17 @@ def evidence(ratios, **known):
             evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), checks=("weigh it",)),
             "explained",
             MISSES + "one of slope and crust explains it; these data cannot tell which. "
-            "No drive tells all of them apart: first weigh it. Without it, only the held-out",
+            "No drive can tell all of them apart: first weigh it. Without it, only the held-out",
             NEW + "--until-quiet" + DATA,
             id="a family that a sensor's check settles",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="family", family=("slope",), checks=("weigh it",)),
+            "explained",
+            MISSES
+            + "slope explains it, but this is not certain. No drive can rule out all others: first weigh it.",
+            NEW + "slope" + DATA,
+            id="one of which the others are doubted",
         ),
         pytest.param(
             evidence(
@@ -170,10 +178,19 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
-            MISSES + "nothing that was recorded explains it beyond chance. "
+            MISSES + "nothing that was recorded explains it beyond chance. Drive the same track again. "
+            "If the misfit returns, the model lacks something; if it changes, the soil varies. "
             "Also record a channel that effects need: pitch or slip angle.",
             "",
             id="nothing follows",
+        ),
+        pytest.param(
+            evidence(OFF, verdict="none", points=True),
+            "unexplained",
+            MISSES + "nothing that was recorded explains it beyond chance. "
+            "Repeat the test points in another order. If the misfit returns,",
+            "",
+            id="nothing follows of test points",
         ),
         pytest.param(
             evidence(OFF, verdict="none"),
