@@ -47,7 +47,7 @@ Law = Callable[[Quantities], Any]
 
 
 #: Standard errors from its null at which a parameter is on the wrong side of it.
-_CERTAIN = 3.0
+CERTAIN = 3.0
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
 #: Multiples of its null at which a parameter that only shapes an effect is tried.
@@ -309,7 +309,7 @@ class Effect:
     def imitations(
         self,
         wheels: Iterable[tuple[Mapping[str, float], Any, Mapping[str, Any]]],
-        errors: float = _CERTAIN,
+        errors: float = CERTAIN,
         least: float = 0.0,
     ) -> Iterator[tuple[int, tuple[str, ...], float, float]]:
         """Yield what came out where nature has none, and so stands for another effect.
