@@ -237,3 +237,17 @@ def test_where_each_channel_comes_from(folder, terrain_est_here):
     assert "  load: load in N" in channels
     assert plain.stderr == ""
     assert terrain_est_here("compare", folder / "clean.csv", "--verbose", "--quiet").stderr == ""
+
+
+def test_a_pull_of_the_other_sign_is_named_and_its_line_mends_it(folder, tmp_path, terrain_est_here):
+    """No effect explains a sign: `diagnose` would find one all the same."""
+    table = pd.read_csv(folder / "clean.csv")
+    table.assign(drawbar_pull=-table["drawbar_pull"]).to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    before = terrain_est_here("compare", "run.csv", "-q", cwd=tmp_path).stdout
+    assert "and the sign of drawbar pull may be wrong: first put the note's line" in before
+    assert before.endswith("Next: terrain-est compare run.csv\n")
+    line = before.partition("way round, ")[2].partition(" under [channels]")[0]
+    (tmp_path / "rover.toml").write_text(f"{ROVER}[channels]\n{line}\n")
+    after = terrain_est_here("compare", "run.csv", "-q", cwd=tmp_path).stdout
+    assert "The model fits to the noise" in after

@@ -12,6 +12,8 @@ import pytest
 from changed_models import DIGS, ROVER, once, write_log
 
 from terrain_cli import diagnosis
+from terrain_cli.commands import comparison_options
+from terrain_cli.commands.diagnose import command
 from terrain_cli.diagnosis import diagnosis_criteria
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -144,6 +146,14 @@ def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est_here):
     assert f"`{HEATER}`" in law
     assert "The law is in law.toml." in heated["sentence"]
     assert "--draft" not in heated["sentence"]
+
+
+def test_the_next_law_is_drafted_under_a_name_that_is_free(done, folder, monkeypatch):
+    """The first one may be an effect of the model by now, and is read."""
+    assert done["heated"].returncode == 0
+    monkeypatch.chdir(folder)
+    with command.make_context("diagnose", ["heated.csv"]) as context:
+        assert comparison_options.repeated(context, "wong-reece").law == "law-2.toml"
 
 
 @pytest.mark.parametrize(

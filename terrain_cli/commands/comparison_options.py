@@ -16,7 +16,7 @@ from terrain_cli.vocabulary.quantities import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked
     from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.presentation.terminal import Progress
@@ -159,7 +159,7 @@ def _cut(
 def repeated(context: click.Context, model: str) -> Asked:
     """Return what was asked, so that the next command can ask it again of a model."""
     from formats.errors import shown
-    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked
 
     said = click.core.ParameterSource.COMMANDLINE
     words: list[str] = []
@@ -172,12 +172,16 @@ def repeated(context: click.Context, model: str) -> Asked:
             continue
         for one in value if isinstance(value, (list, tuple)) else (value,):
             words += [parameter.opts[0], str(one)]
-    fresh = next(path for path in numbered(Path("model.toml")) if not path.exists())
+    fresh, law = (
+        str(next(path for path in numbered(Path(name)) if not path.exists()))
+        for name in ("model.toml", "law.toml")
+    )
     return Asked(
         inputs=tuple(map(shown, context.params["inputs"])),
         model=shown(model),
         options=tuple(map(shown, words)),
-        fresh=str(fresh),
+        fresh=fresh,
+        law=law,
     )
 
 

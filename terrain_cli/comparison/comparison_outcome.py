@@ -10,6 +10,7 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.models import Refused
+from terrain_cli.telemetry.unit_doubts import Doubt
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -168,6 +169,12 @@ class Comparison:
         """Beginning and end, in s, of the stretch that the strongest finding is about, if it is."""
         first = next(iter(self.failures), None)
         return None if first is None or first.until is None else (first.at or 0.0, first.until)
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """Signs and units that are improbable, and that nothing states in rover.toml."""
+        remarks = (one for wheel in self.wheels for one in wheel.samples.remarks)
+        return tuple(dict.fromkeys(one.of for one in remarks if isinstance(one, Doubt) and one.of))
 
     @property
     def points(self) -> bool:

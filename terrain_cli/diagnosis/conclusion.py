@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
-from terrain_cli.vocabulary.choices import BASES
 from terrain_cli.vocabulary.quantities import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, UnknownEffect, Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, UnknownEffect, Verdict
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
 #: Channels to be recorded that a sentence names.
@@ -36,6 +34,7 @@ class Evidence:
     tracked: bool = False  # By findings: it follows what was recorded
     # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
     stretch: tuple[float, float] | None = None
+    doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
     share: float = math.nan  # Of the misfit, that any of them explains at the most
@@ -60,16 +59,6 @@ class Evidence:
         return bool(_above(self.ratios))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """What was asked of which files, as the next command has it too."""
-
-    inputs: tuple[str, ...]
-    model: str = "wong-reece"  # A base, or a model file
-    options: tuple[str, ...] = ()  # Of reading and cutting, as they were given
-    fresh: str = "model.toml"  # Where a model file may be made
-
-
 @dataclass(frozen=True)
 class Conclusion:
     """What is said at the end."""
@@ -91,6 +80,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         raised=tracked or (scores is not None and scores.raised),
         tracked=tracked,
         stretch=comparison.stretch,
+        doubted=comparison.doubted,
         refused=tuple(dict.fromkeys((*comparison.refused.names, *refused))),
         ended=comparison.refused.ended,
         unrecorded=scores.unrecorded if scores else (),
@@ -120,6 +110,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         stretch=found.comparison.stretch,
+        doubted=found.comparison.doubted,
         verdict=found.verdict,
         family=family,
         share=max((_share(found, one) for one in found.candidates if one.effect in family), default=math.nan),
@@ -181,17 +172,18 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
     above = _above(known)
     few = found.blocks < criteria.BLOCKS_OF_ALARM
-    if found.raised and not few and not _refused(found):
-        one_stretch = _in_a_stretch(found, asked)
-        cause, command = one_stretch or _next(found, asked)
+    doubtful = _doubtful(found, asked) if above or found.raised else None
+    if doubtful or (found.raised and not few and not _refused(found)):
+        elsewhere = doubtful or _in_a_stretch(found, asked)
+        cause, command = elsewhere or _next(found, asked)
         if found.verdict is None and known and not above:
             # A first check alone is no proof where the errors are those of noise.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
         size = _size(above) if above else _not_random(known)
-        alike = found.verdict == "family" and not found.together and not one_stretch
+        alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
-        first = _first(drive, found.checks if alike else ())
+        first = _first(found) if alike else ""
         told = f"The model misses something: {size}, and {cause}.{first} Next: {command}"
         return Conclusion("explained", told, command, drive=drive)
     if found.small and not few:
@@ -215,16 +207,18 @@ def _unseen(found: Evidence) -> str:
     )
 
 
-def _first(drive: str, checks: tuple[str, ...]) -> str:
+def _first(found: Evidence) -> str:
     """Say what to do before an effect is added that others look like."""
+    drive, checks = found.drive, found.checks
     if not drive and not checks:
         return ""
     check = listed(list(checks), "or") if checks else ""
+    tell = "tell all of them apart" if len(found.family) > 1 else "rule out all others"
     if not drive:
-        told = f" No drive tells all of them apart: first {check}."
+        told = f" No drive can {tell}: first {check}."
     else:
         told = f" First take this drive, and diagnose both logs together: {drive}."
-        told += f" Also {check}: the drive does not tell all of them apart." * bool(checks)
+        told += f" Also {check}: the drive does not {tell}." * bool(checks)
     return f"{told} Without it, only the held-out error can choose."
 
 
@@ -255,15 +249,15 @@ def _unexplained(
         why = _did_not_pay(found) if found.refused else "--until-quiet found nothing more to add"
         # A diagnosis would propose the same again; where it drafted a law, no effect explains it.
         named = {*found.refused} & {*NAMES, *ASSUMPTIONS}
-        command = _add(["--until-quiet"], asked) if named and not found.ended else ""
+        command = asked.added(["--until-quiet"]) if named and not found.ended else ""
     elif found.verdict is None:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
-        why, command = "a first check of the effects finds no cause", looked("diagnose", asked)
+        why, command = "a first check of the effects finds no cause", asked.looked("diagnose")
     elif _refused(found):
         why = _did_not_pay(found)
     elif found.closest and found.closest not in found.refused:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
-        command = _add((found.closest,), asked)
+        command = asked.added((found.closest,))
     else:
         why = (
             f"{_too_few(found)} to show why" if few else "nothing that was recorded explains it beyond chance"
@@ -282,7 +276,7 @@ def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few
     told = f"No effect stands out, but the noise of {of} is not known. Repeat some test points to learn it."
     # A diagnosis of test points also looks at their order.
     first = found.verdict is None and not found.refused
-    command = looked("diagnose", asked) if first and found.points else ""
+    command = asked.looked("diagnose") if first and found.points else ""
     return Conclusion("undecided", f"{told} Next: {command}" if command else told, command)
 
 
@@ -322,33 +316,32 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
     """Say what explains the misfit, and return the command that follows from it."""
     if found.verdict == "unknown":
         cause = f"no effect of the catalogue explains it{f': {found.law}' if found.law else ''}"
-        return cause, _add([found.draft], asked) if found.draft else looked(
-            "diagnose", asked, "--draft", "law.toml"
+        return cause, asked.added([found.draft]) if found.draft else asked.looked(
+            "diagnose", "--draft", asked.law
         )
     if found.together:
-        return f"{listed(found.together)} together explain it best", _add(found.together, asked)
+        return f"{listed(found.together)} together explain it best", asked.added(found.together)
     # In words: the table has shares of another loss, by which the effects are ranked.
     part = "most of it" if found.leaves or found.share < 1.0 - criteria.DRAFT_LEFT else "it"
     part = "a part of it" if found.share < criteria.STEPS_SHARE else part
     if found.verdict == "effect":
-        return f"{found.family[0]} explains {part}", _add(found.family[:1], asked)
+        return f"{found.family[0]} explains {part}", asked.added(found.family[:1])
     if len(found.family) > 1:
         cause = f"one of {listed(found.family)} explains {part}; these data cannot tell which"
-        return cause, _add(["--until-quiet"], asked)
+        return cause, asked.added(["--until-quiet"])
     if found.family:
         cause = f"{found.family[0]} explains {part}, but this is not certain"
-        return cause, _add(found.family, asked)
+        return cause, asked.added(found.family)
     checked = "a first check of the effects finds a possible cause"
-    return "it follows what was recorded" if found.tracked else checked, looked("diagnose", asked)
+    return "it follows what was recorded" if found.tracked else checked, asked.looked("diagnose")
 
 
-def _where(asked: Asked, condition: str) -> Asked:
-    """Ask the same of the samples that also satisfy a condition."""
-    before = dict(zip(asked.options, asked.options[1:], strict=False)).get("--where")
-    if before is None:
-        return replace(asked, options=(*asked.options, "--where", condition))
-    both = f"({before}) and ({condition})"
-    return replace(asked, options=tuple(both if word == before else word for word in asked.options))
+def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
+    """Send to rover.toml where a sign or a unit is doubted: what an effect explains of it is no physics."""
+    if not found.doubted:
+        return None
+    settle = "first put the note's line for it into rover.toml, or one with the unit alone if it is right"
+    return f"{listed(found.doubted)} may be wrong: {settle}", asked.looked("compare")
 
 
 def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
@@ -357,7 +350,7 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
         return None
     low, high = (f"{time:.12g}" for time in found.stretch)
     cause = f"most of all from {low} s to {high} s: see what happened then, and if the model fits without it"
-    return cause, looked("compare", _where(asked, f"time < {low} or time > {high}"))
+    return cause, asked.where(f"time < {low} or time > {high}").looked("compare")
 
 
 def _did_not_pay(found: Evidence) -> str:
@@ -365,34 +358,15 @@ def _did_not_pay(found: Evidence) -> str:
     return f"{listed(found.refused)} {'was' if one else 'were'} tried and {'does' if one else 'do'} not pay"
 
 
-def looked(verb: str, asked: Asked, *further: str) -> str:
-    """Return the command of a verb that only looks at what was asked."""
-    model = () if asked.model == "wong-reece" else ("--model", asked.model)
-    return shlex.join(["terrain-est", verb, *asked.inputs, *model, *asked.options, *further])
-
-
-def _add(what: tuple[str, ...] | list[str], asked: Asked) -> str:
-    """Return the command that adds something to the model, which is a file from then on."""
-    made = ""
-    path = asked.model
-    if path in BASES:
-        path = asked.fresh
-        base = () if asked.model == "wong-reece" else ("--base", asked.model)
-        made = shlex.join(["terrain-est", "model", "new", path, *base]) + " && "
-    words = ["terrain-est", "model", "add", path, *what, *asked.options, "--data", *asked.inputs]
-    return made + shlex.join(words)
-
-
 def _record(found: Evidence, *, few: bool) -> str:
     """Say what to measure."""
     if few:
         return _more(found)
+    again = "Repeat the test points in another order" if found.points else "Drive the same track again"
+    told = f"{again}. If the misfit returns, the model lacks something; if it changes, the soil varies."
     if not found.unrecorded:
-        return (
-            "Drive the same track again. "
-            "If the misfit returns, the model lacks something; if it changes, the soil varies."
-        )
+        return told
     named = [name.replace("_", " ") for name in found.unrecorded]
     more = named[:_MOST_NAMED]
     such = ", such as" if len(named) > len(more) else ":"
-    return f"Also record a channel that effects need{such} {listed(more, 'or')}."
+    return f"{told} Also record a channel that effects need{such} {listed(more, 'or')}."

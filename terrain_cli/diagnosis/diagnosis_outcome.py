@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from terrain_cli.vocabulary.choices import BASES
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.effects import Effect
@@ -173,3 +176,38 @@ class Diagnosis:
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`
     heldout: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What was asked of which files, as the next command has it too."""
+
+    inputs: tuple[str, ...]
+    model: str = "wong-reece"  # A base, or a model file
+    options: tuple[str, ...] = ()  # Of reading and cutting, as they were given
+    fresh: str = "model.toml"  # Where a model file may be made
+    law: str = "law.toml"  # Where a law may be written
+
+    def where(self, condition: str) -> Asked:
+        """Return the same of the samples that also satisfy a condition."""
+        before = dict(zip(self.options, self.options[1:], strict=False)).get("--where")
+        if before is None:
+            return replace(self, options=(*self.options, "--where", condition))
+        both = f"({before}) and ({condition})"
+        return replace(self, options=tuple(both if word == before else word for word in self.options))
+
+    def looked(self, verb: str, *further: str) -> str:
+        """Return the command of a verb that only looks at what was asked."""
+        model = () if self.model == "wong-reece" else ("--model", self.model)
+        return shlex.join(["terrain-est", verb, *self.inputs, *model, *self.options, *further])
+
+    def added(self, what: Sequence[str]) -> str:
+        """Return the command that adds something to the model, which is a file from then on."""
+        made = ""
+        path = self.model
+        if path in BASES:
+            path = self.fresh
+            base = () if self.model == "wong-reece" else ("--base", self.model)
+            made = shlex.join(["terrain-est", "model", "new", path, *base]) + " && "
+        words = ["terrain-est", "model", "add", path, *what, *self.options, "--data", *self.inputs]
+        return made + shlex.join(words)

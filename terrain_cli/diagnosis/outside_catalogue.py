@@ -18,6 +18,8 @@ from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signature
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
 from terrain_cli.effects.laws import law_trial
 from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.telemetry.effect_inputs import sources
+from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
@@ -208,6 +210,8 @@ def verdict(
         errors = [one.heldout[channel] ** 2 for one in (base, effect, tried[0].refit)]
         # Where noise lasts, a misfit that lasts weighs little, and a small one that does not, as much.
         much = errors[1] - errors[2] >= criteria.DRAFT_LEFT * (errors[0] - errors[2])
+        # What follows a column that is no channel, no effect of the catalogue can follow.
+        much = much or not CHANNELS.keys() >= {*sources(tried[0].draft.driver or "time")}
         matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
         alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
         better = "A sensor's error" if tried[0].draft.of_sensor else "A law of one driver"
@@ -223,9 +227,9 @@ def _told(base: Refit, one: Tried, misfit: float, head: str, same: Sequence[str]
     explained = float(np.clip((base.loss - one.refit.loss).sum() / misfit, 0.0, 1.0))
     channel = draft.changes if draft.changes in drafted_laws.SENSED else _channel(base, one)
     drivers = listed([name.replace("_", " ") for name in (draft.driver, *same)], "or")
-    alike = ", which cannot be told apart here" if same else ""
+    alike = "; these data cannot tell which" if same else ""
     of_sensor = "is off by a constant" + (" and a factor" if draft.driver else "")
-    does = of_sensor if draft.of_sensor else f"follows {drivers}{alike} ({draft.form})"
+    does = of_sensor if draft.of_sensor else f"follows {drivers} ({draft.form}{alike})"
     what = channel.replace("_", " ")
     return UnknownEffect(
         channel=channel,

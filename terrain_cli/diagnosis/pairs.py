@@ -34,8 +34,9 @@ def best(
 ) -> list[tuple[Hypothesis, Refit]]:
     """Find two effects that together predict held-out blocks better than any alone.
 
-    None that nature could not have. `name` is an effect that leaves little, if any: it is tried with any
-    other that promises most.
+    None that nature could not have, nor one of which an effect is impossible alone, and only in doubt as each
+    of the two takes up what the other does. `name` is an effect that leaves little, if any: it is tried with
+    any other that promises most.
     """
     alone = {one.id: (one, refit) for one, refit in ranked if one.effects}
     others = [
@@ -56,7 +57,12 @@ def best(
                 alone[one.id] = one, refits.refit(data, one)
         after = [alone[one.id][1] for one in (first, second)]
         refit = refits.refit(data, pair, after=after)
-        if not refit_ranking.doubt(data, pair, refit):
+        hidden = any(
+            refit_ranking.imitates(data, *alone[one.id])
+            and refit_ranking.imitates(data, one, refit, errors=0.0)
+            for one in (first, second)
+        )
+        if not hidden and not refit_ranking.doubt(data, pair, refit):
             fitted.append((pair, refit))
     return sorted(fitted, key=lambda one: float(one[1].loss.sum()))
 

@@ -18,6 +18,7 @@ from terrain_cli.comparison import comparison_criteria, smoothed_fit, smoothed_m
 from terrain_cli.comparison.blocks import error, resample, webb_weights
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
+from terrain_cli.mechanics.effect import CERTAIN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -47,8 +48,8 @@ def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
     return any(name in sizes and sizes[name].at_bound(value) for name, value in one.common())
 
 
-def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say."""
+def imitates(data: Ground, hypothesis: Hypothesis, one: Refit, errors: float = CERTAIN) -> bool:
+    """Tell whether an effect went to where nature has none, by so many errors: friction that drives, say."""
     bounded = [effect for effect in hypothesis.effects if effect.limits]
     wheels = []
     every = zip(data.wheels, data.data, one.solutions, strict=True)
@@ -57,7 +58,7 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
         fitted = zip(solution.unknowns.shared, solution.common, strict=True)
         values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
         wheels.append((values, covariance, wheel.channels))
-    return any(any(effect.imitations(wheels, least=criteria.DRAFT_LEFT)) for effect in bounded)
+    return any(any(effect.imitations(wheels, errors, criteria.DRAFT_LEFT)) for effect in bounded)
 
 
 def left_open(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:

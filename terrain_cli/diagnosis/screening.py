@@ -17,7 +17,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Siz
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import model_change
-from terrain_cli.telemetry.effect_inputs import CONSTANTS
+from terrain_cli.telemetry.effect_inputs import CONSTANTS, sources
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,10 +113,17 @@ def _available(wheel: FittedWheel) -> dict[str, Any]:
 
 
 def unrecorded(effects: Sequence[Effect], wheels: Sequence[FittedWheel]) -> tuple[str, ...]:
-    """Name what was not recorded, and without which some of the effects cannot be tested."""
-    available = [_available(wheel) for wheel in wheels]
-    lacking = [name for effect in effects for one in available for name in catalogues.missing(effect, one)]
-    return tuple(name for name in dict.fromkeys(lacking) if name not in CONSTANTS)
+    """Name what was not recorded, and without which some of the effects cannot be tested: what can be."""
+    lacking: dict[str, None] = {}
+    for effect, wheel in product(effects, wheels):
+        there = _available(wheel)
+        for missing in catalogues.missing(effect, there):
+            for name in (missing,) if missing in effect.needs else effect.any_of:
+                of = sources(name)
+                # Steady test points have no rates.
+                recordable = "time" not in of or "time" in there
+                lacking |= dict.fromkeys(one for one in of if recordable and one not in there)
+    return tuple(name for name in lacking if name not in CONSTANTS)
 
 
 def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:

@@ -47,7 +47,7 @@ Law = Callable[[Quantities], Any]
 
 
 #: Standard errors from its null at which a parameter is on the wrong side of it.
-_CERTAIN = 3.0
+CERTAIN = 3.0
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
 #: Multiples of its null at which a parameter that only shapes an effect is tried.
@@ -179,7 +179,8 @@ class Sum:
     lower, upper : float
         SI.
     rates : mapping of str to str
-        Parameters that count times the greatest size of a channel: the sum is bounded at all of its values.
+        Parameters that count times the size of a channel: the sum is bounded from its least to its greatest
+        value, not beyond. One that is not estimated does not count.
     """
 
     names: tuple[str, ...]
@@ -187,15 +188,17 @@ class Sum:
     upper: float
     rates: Mapping[str, str] = field(default_factory=dict)
 
-    def weights(self, channels: Mapping[str, Any]) -> list[float]:
-        """Return by how much each parameter counts under a wheel; NaN where its channel is not known."""
+    def weights(self, channels: Mapping[str, Any]) -> list[dict[str, float]]:
+        """Return by how much each parameter counts where the rates are least and where they are greatest.
+
+        NaN where the channel of a rate is not known.
+        """
         import numpy as np
 
-        greatest = {
-            name: float(np.nanmax(np.abs(channels[channel]))) if channel in channels else math.nan
-            for name, channel in self.rates.items()
-        }
-        return [greatest.get(name, 1.0) for name in self.names]
+        sizes = {name: np.abs(channels[of]) for name, of in self.rates.items() if of in channels}
+        plain = dict.fromkeys(self.names, 1.0) | dict.fromkeys(self.rates, math.nan)
+        ends = (np.nanmin, np.nanmax)
+        return [plain | {name: float(end(size)) for name, size in sizes.items()} for end in ends]
 
     def imitates(self, value: float, doubt: float) -> bool:
         """As `Parameter.imitates`, with how far beyond the bounds it may be and mean nothing."""
@@ -270,9 +273,10 @@ class Effect:
     @property
     def limits(self) -> list[tuple[tuple[str, ...], Parameter | Sum]]:
         """What nature bounds, with the names of the parameters that are added up."""
-        return [((one.name,), one) for one in self.parameters if one.side] + [
-            (one.names, one) for one in self.sums
-        ]
+        # Where a rate is never 0, the sum has its sign, and a part of it need not.
+        within = {name for one in self.sums if one.rates for name in one.names}
+        alone = [((one.name,), one) for one in self.parameters if one.side and one.name not in within]
+        return [*alone, *((one.names, one) for one in self.sums)]
 
     def qualified(self, parameter: Parameter) -> str:
         """Return the name of a parameter among those of all effects: ``slip-sinkage.n1``."""
@@ -288,19 +292,24 @@ class Effect:
         """
         places = {name: place for place, name in enumerate(values)}
         for short, limit in self.limits:
-            names = tuple(f"{self.id}.{name}" for name in short)
-            if any(name not in places for name in names):
+            several = limit.weights(channels) if isinstance(limit, Sum) else [dict.fromkeys(short, 1.0)]
+            rates = limit.rates if isinstance(limit, Sum) else ()
+            known = {name: f"{self.id}.{name}" for name in short if f"{self.id}.{name}" in places}
+            if any(name not in known and name not in rates for name in short):
                 continue
-            weights = limit.weights(channels) if isinstance(limit, Sum) else [1.0]
-            own = [(places[name], weight) for name, weight in zip(names, weights, strict=True)]
-            value = sum(weight * values[name] for name, weight in zip(names, weights, strict=True))
-            variance = sum(v * w * float(covariance[i][j]) for i, v in own for j, w in own)
-            yield names, limit, value, math.sqrt(max(variance, 0.0))
+            ends = []
+            for weights in several:
+                own = [(places[full], weights[name]) for name, full in known.items()]
+                value = sum(weights[name] * values[full] for name, full in known.items())
+                variance = sum(v * w * float(covariance[i][j]) for i, v in own for j, w in own)
+                ends.append((value, math.sqrt(max(variance, 0.0))))
+            worst = max(ends, key=lambda end: max(limit.lower - end[0], end[0] - limit.upper))
+            yield tuple(known.values()), limit, *worst
 
     def imitations(
         self,
         wheels: Iterable[tuple[Mapping[str, float], Any, Mapping[str, Any]]],
-        errors: float = _CERTAIN,
+        errors: float = CERTAIN,
         least: float = 0.0,
     ) -> Iterator[tuple[int, tuple[str, ...], float, float]]:
         """Yield what came out where nature has none, and so stands for another effect.

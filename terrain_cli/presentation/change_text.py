@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from terrain_cli.comparison.blocks import Interval
-    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked
     from terrain_cli.improvement.improvement_outcome import (
         Action,
         ChannelChange,

@@ -10,10 +10,11 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
+from terrain_cli.diagnosis.conclusion import Conclusion, Evidence, conclude
+from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
-from terrain_cli.vocabulary.quantities import counted, entries, known, listed, short
+from terrain_cli.vocabulary.quantities import counted, entries, known, listed, quantity, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -41,7 +42,7 @@ def conclusion_of(evidence: Evidence, comparison: Comparison, asked: Asked | Non
 
 def looked_at(found: Conclusion, comparison: Comparison, asked: Asked | None = None) -> str:
     """Return the command that looks further where a conclusion has none: the soil of a model that fits."""
-    return looked("estimate" if found.state == "fits" else "diagnose", asked or _asked(comparison))
+    return (asked or _asked(comparison)).looked("estimate" if found.state == "fits" else "diagnose")
 
 
 def conclusion_document(conclusion: Conclusion) -> dict[str, Any]:
@@ -197,14 +198,15 @@ def _text_of_one(comparison: Comparison, asked: Asked | None) -> str:
     head = ["channel", "unit", "rmse", "bias", "noise", "rmse/rms", "held-out rmse", "95 %"]
     rows = [
         [
-            name.replace("_", " "),
-            errors.unit,
-            *(short(value) for value in (errors.rmse, errors.bias, errors.noise)),
+            what.words,
+            what.unit,
+            *(short(value * what.factor) for value in (errors.rmse, errors.bias, errors.noise)),
             f"{errors.nrmse:.1%}" if math.isfinite(errors.nrmse) else "–",
-            short(errors.heldout_rmse),
-            f"{short(errors.heldout_low)} … {short(errors.heldout_high)}",
+            short(errors.heldout_rmse * what.factor),
+            f"{short(errors.heldout_low * what.factor)} … {short(errors.heldout_high * what.factor)}",
         ]
         for name, errors in comparison.channels.items()
+        for what in [quantity(name, errors.unit)]
     ]
     lines += [*aligned([head, *rows]), ""]
     if comparison.failures:
@@ -259,15 +261,16 @@ def _text_of_two(first: Comparison, second: Comparison, differences: Sequence[Di
     errors = [one for one in differences if one.where is None]
     rows = [
         [
-            one.name.replace("_", " "),
-            one.unit,
-            short(one.first),
-            short(one.second),
-            f"{short(one.difference)} ± {short(one.se)}",
-            f"{short(one.low)} … {short(one.high)}",
+            what.words,
+            what.unit,
+            short(one.first * what.factor),
+            short(one.second * what.factor),
+            f"{short(one.difference * what.factor)} ± {short(one.se * what.factor)}",
+            f"{short(one.low * what.factor)} … {short(one.high * what.factor)}",
             "*" if one.moved else "",
         ]
         for one in errors
+        for what in [quantity(one.name, one.unit)]
     ]
     lines += [*aligned([head, *rows]), ""]
     soil = [one for one in differences if one.where is not None]

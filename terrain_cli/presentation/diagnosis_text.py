@@ -11,13 +11,12 @@ from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement import model_history
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.quantities import entries, known, listed, short
+from terrain_cli.vocabulary.quantities import entries, known, listed, quantity, short
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, NextDrive
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, NextDrive
     from terrain_cli.diagnosis.screening import Screened
 
 FORMAT = "terrain-est/diagnosis/1"
@@ -169,27 +168,28 @@ def early(found: Screened) -> str:
 
 
 def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
-    channels = list(diagnosis.comparison.channels)
-    units = [diagnosis.comparison.channels[name].unit for name in channels]
-    head = ["effect", "explains", "survives"]
-    head += [f"{name.replace('_', ' ')} [{unit}]" for name, unit in zip(channels, units, strict=True)]
+    own = diagnosis.comparison.channels
+    channels = {name: quantity(name, errors.unit) for name, errors in own.items()}
+    head = ["effect", "explains", "survives", *(f"{one.words} [{one.unit}]" for one in channels.values())]
     head += ["parameters"]
-    base = ["(as it is)", "", ""]
-    base += [short(errors.heldout_rmse) for errors in diagnosis.comparison.channels.values()] + [""]
+
+    def errors(held_out: Mapping[str, float]) -> list[str]:
+        return [short(held_out.get(name, math.nan) * one.factor) for name, one in channels.items()]
+
+    base = ["(as it is)", "", "", *errors({name: one.heldout_rmse for name, one in own.items()}), ""]
     rows = [
         [
             f"{'* ' if one.in_family else '  '}{one.effect}",
             f"{one.explained:.0%}" if math.isfinite(one.explained) else "–",
             f"{one.surviving:.0%}",
-            *(short(one.heldout.get(name, math.nan)) for name in channels),
+            *errors(one.heldout),
             f"{sizes_text(one)} ({one.doubt})" if one.doubt else sizes_text(one),
         ]
         for one in shown
     ]
     table = [head, ["  " + base[0], *base[1:]]]
     if diagnosis.heldout:
-        errors = [short(diagnosis.heldout.get(name, math.nan)) for name in channels]
-        table.append(["  (as it is, soils as below)", "", "", *errors, ""])
+        table.append(["  (as it is, soils as below)", "", "", *errors(diagnosis.heldout), ""])
     table += rows
     legend = "* = cannot be told from the best; survives: share of it that no soil imitates"
     return [f"held-out error with each ({legend}):", *aligned(table)]

@@ -189,9 +189,12 @@ def proposals(plan: Plan, wheel: str, channel: str) -> list[str]:
     if not is_table(plan.source):
         return _topic(plan, wheel, channel)
     dimension = CHANNELS[channel].dimension
-    fitting = [name for name in plan.extras if stated_unit(name, dimension)]
-    symbol = units.si(dimension).symbol
-    return [f'{channel} = {{ column = "…", unit = "{symbol}" }}{_one_of(fitting)}']
+    stated = {name: stated_unit(name, dimension) for name in plan.extras}
+    fitting = {name: unit.symbol for name, unit in stated.items() if unit}
+    # A unit that is given here stands above that of the header: of several, each has its own.
+    symbols = set(fitting.values()) or {units.si(dimension).symbol}
+    in_unit = f', unit = "{symbols.pop()}"' if len(symbols) == 1 else ""
+    return [f'{channel} = {{ column = "…"{in_unit} }}{_one_of(list(fitting))}']
 
 
 def pulls(plan: Plan, channels: Collection[str]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -133,7 +133,15 @@ def _block(driven: Array, x: Array, y: Array, stretch: Index) -> tuple[float, fl
 class Doubt(Notice):
     """A remark that says that what was measured is hardly true."""
 
-    __slots__ = ()
+    __slots__ = ("of",)
+
+    #: Such as "the sign of drawbar pull", where a line of rover.toml would settle it; else empty.
+    of: str
+
+    def __new__(cls, text: str, of: str = "") -> Self:
+        self = super().__new__(cls, text)
+        self.of = of
+        return self
 
 
 class ImplausibleError(InputError):
@@ -186,7 +194,9 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
             told.append(Doubt(f"{what}; see whether {feed.place} is what it is taken for"))
         else:
             mending = f"{_if(feed, suspicion)}, {', '.join(lines)} under {header} of rover.toml"
-            told.append(Doubt(f"{what}: {mending}"))
+            # Who states the unit in rover.toml has looked.
+            of = "" if feed.stated and feed.asked else _doubted(suspicion.mend)
+            told.append(Doubt(f"{what}: {mending}", of))
     return told
 
 
@@ -208,6 +218,10 @@ def _if(feed: Feed, suspicion: Suspicion) -> str:
     return f"if {suspicion.channel} is in {rover_advice.meant(feed, unit, scale)}"
 
 
+def _doubted(mend: Mend) -> str:
+    return f"the {'sign' if mend.scale < 0.0 else 'unit'} of {mend.channel.replace('_', ' ')}"
+
+
 def pull(e: UnitEvidence) -> Suspicion | None:
     """Set the changes of the drawbar pull against those of the torque, at the same load."""
     # Both are the shear stress under the wheel: in a stretch of a drive the pull changes by as much as T/r.
@@ -225,7 +239,8 @@ def pull(e: UnitEvidence) -> Suspicion | None:
     if len(known) < max(1.0, BLOCKS / 2):
         return None
     middle = float(np.median(known))
-    if LEAST_PULL <= middle <= MOST_PULL:
+    # A torque that brakes is in doubt itself: as it is, it says nothing of the sign of the pull.
+    if LEAST_PULL <= middle <= MOST_PULL or (middle < 0.0 and np.median(torque) < 0.0):
         return None
     share = f"{middle:.2g} of what torque over wheel radius changes by"
     what = f"drawbar_pull changes by {share}, at the same load"

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from terrain_cli.diagnosis.conclusion import Asked, Evidence, conclude, of_comparison, of_diagnosis
-from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.diagnosis.conclusion import Evidence, conclude, of_comparison, of_diagnosis
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, NextDrive
 from terrain_cli.models import Refused
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
@@ -105,9 +105,17 @@ def evidence(ratios, **known):
             evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), checks=("weigh it",)),
             "explained",
             MISSES + "one of slope and crust explains it; these data cannot tell which. "
-            "No drive tells all of them apart: first weigh it. Without it, only the held-out",
+            "No drive can tell all of them apart: first weigh it. Without it, only the held-out",
             NEW + "--until-quiet" + DATA,
             id="a family that a sensor's check settles",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="family", family=("slope",), checks=("weigh it",)),
+            "explained",
+            MISSES
+            + "slope explains it, but this is not certain. No drive can rule out all others: first weigh it.",
+            NEW + "slope" + DATA,
+            id="one of which the others are doubted",
         ),
         pytest.param(
             evidence(
@@ -170,10 +178,19 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
-            MISSES + "nothing that was recorded explains it beyond chance. "
+            MISSES + "nothing that was recorded explains it beyond chance. Drive the same track again. "
+            "If the misfit returns, the model lacks something; if it changes, the soil varies. "
             "Also record a channel that effects need: pitch or slip angle.",
             "",
             id="nothing follows",
+        ),
+        pytest.param(
+            evidence(OFF, verdict="none", points=True),
+            "unexplained",
+            MISSES + "nothing that was recorded explains it beyond chance. "
+            "Repeat the test points in another order. If the misfit returns,",
+            "",
+            id="nothing follows of test points",
         ),
         pytest.param(
             evidence(OFF, verdict="none"),
@@ -299,6 +316,33 @@ def test_the_same_evidence_has_the_same_conclusion(found, state, begins, command
     assert told.sentence.endswith(command)
 
 
+DOUBTED = ("the sign of torque", "the unit of load")
+
+
+@pytest.mark.parametrize(
+    "further",
+    [
+        {},
+        {"raised": True, "verdict": "effect", "family": ("slope",)},
+        {"raised": True, "verdict": "unknown", "draft": "law.toml"},
+        {"raised": True, "tracked": True, "stretch": (40.0, 59.95)},
+        {"raised": True, "refused": ("slope",)},
+        {"blocks": 3},
+    ],
+)
+def test_what_may_be_measured_wrongly_is_settled_before_an_effect_explains_it(further):
+    told = conclude(evidence(OFF, doubted=DOUBTED, **further), ASKED)
+    assert told.sentence.startswith(
+        MISSES + "the sign of torque and the unit of load may be wrong: first put the note's line"
+    )
+    assert told.command == "terrain-est compare 'a run.csv' --segments none"
+    assert told.drive == ""
+
+
+def test_what_is_doubted_of_a_model_that_fits_is_left_to_the_note():
+    assert conclude(evidence(FINE, doubted=DOUBTED), ASKED).state == "fits"
+
+
 STRETCH = {"raised": True, "tracked": True, "stretch": (40.0, 59.95)}
 
 
@@ -353,7 +397,7 @@ def test_a_base_that_is_not_the_usual_one_is_named():
 
 
 def compared_to(channels, **further):
-    known = {"blocks": 20, "stretch": None, "refused": Refused(), "points": False}
+    known = {"blocks": 20, "stretch": None, "doubted": (), "refused": Refused(), "points": False}
     return SimpleNamespace(channels=channels, **known, **further)
 
 

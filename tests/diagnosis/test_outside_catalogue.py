@@ -27,8 +27,8 @@ def drafted(changes, driver, form, loss, torque):
     return SimpleNamespace(draft=law, refit=fitted(loss, torque))
 
 
-def judged(base, effect, draft, family=("drivetrain-friction",), pair=None):
-    tried = [drafted("torque", "velocity", "saturating", *draft)]
+def judged(base, effect, draft, family=("drivetrain-friction",), pair=None, driver="velocity"):
+    tried = [drafted("torque", driver, "saturating", *draft)]
     both = pair and fitted(*pair)
     return outside_catalogue.verdict(fitted(*base), fitted(*effect), tried, family, pair=both)
 
@@ -52,6 +52,19 @@ def test_a_law_stands_beside_an_effect_that_leaves_little(effect, draft):
     unknown, alone = judged((200.0, 0.40), effect, draft)
     assert not alone
     assert unknown.sentence.startswith("A law of one driver predicts it better")
+
+
+@pytest.mark.parametrize(
+    ("driver", "alone"),
+    [("steering_angle", True), ("velocity_rate", False), ("wheel_angle", False), ("", False)],
+)
+def test_a_law_of_a_column_that_no_effect_can_follow_stands_alone(driver, alone):
+    """A gear's efficiency takes up the mean of a torque that steering adds, and most of its size with it."""
+    unknown, found = judged((200.0, 0.40), (135.0, 0.16), (100.0, 0.15), driver=driver)
+    assert found == alone
+    assert unknown.driver == driver
+    # One that leaves little is right all the same: the column tells of what it does as well.
+    assert not judged((200.0, 0.40), (105.0, 0.16), (100.0, 0.15), driver=driver)[1]
 
 
 @pytest.mark.parametrize(("pair", "alone"), [((98.0, 0.15), False), ((130.0, 0.2), True)])

@@ -86,3 +86,34 @@ def test_a_pair_replaces_a_name_that_is_none_of_it(pair_loss, with_name, name, t
 
 def test_without_a_pair_nothing_is_told():
     assert pairs.told([], [], "") == ((), False)
+
+
+@pytest.mark.parametrize(
+    ("alone", "beside", "told"),
+    [
+        (-0.04, -0.2, False),  # in doubt only as the other one takes up what it does
+        (-0.04, 0.2, True),  # what it took up alone is the other's
+        (0.04, -0.2, True),  # and that may be noise
+    ],
+)
+def test_a_pair_hides_no_effect_that_is_impossible_alone(alone, beside, told, monkeypatch):
+    """Soil that pushes the wheel came back beside a load whose gain did the reverse."""
+    first, second = (SimpleNamespace(id=name, effects=(name,)) for name in ("bulldozing", "load-bias"))
+    pair = SimpleNamespace(id="both")
+    sizes = {"bulldozing": (alone, 0.002), "load-bias": (1.0, 0.1), "both": (beside, 0.34)}
+
+    def refit(data, one, **_):
+        value, se = sizes[one.id]
+        return SimpleNamespace(value=value, se=se, loss=np.ones(2))
+
+    def imitates(data, one, fit, errors=3.0):
+        return one.id == "bulldozing" and fit.value < -errors * fit.se
+
+    monkeypatch.setattr(pairs, "_both", lambda *_: pair)
+    monkeypatch.setattr(pairs.screening, "promising_pairs", lambda *_: [(first, second)])
+    monkeypatch.setattr(pairs.refits, "refit", refit)
+    monkeypatch.setattr(pairs.refit_ranking, "imitates", imitates)
+    monkeypatch.setattr(pairs.refit_ranking, "doubt", lambda *_: "")
+    log = SimpleNamespace(hypotheses=[], found=None)
+    ranked = [(one, refit(None, one)) for one in (first, second)]
+    assert bool(pairs.best(None, log, ranked, lambda _: None, "")) == told

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from hidden_drives import FULL, SOILS, WHEEL, sized
 from simulator import CHANNELS, FURTHER, Drive, Track, base_contact, constant, simulate
+
+from terrain_cli import effects
+from terrain_cli.diagnosis import screening
 
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65)
 ROVER = (
@@ -120,3 +124,17 @@ def test_nothing_is_missing_from_a_clean_table(asked, loads):
 def test_at_one_load_the_sinkage_is_seen_to_follow_slip(asked, seed):
     failures = asked("compare", "slip-sinkage", (60.0,), 3, seed=seed)["failures"]
     assert ("sinkage", "slip") in [(one["channel"], one["driver"]) for one in failures[:2]]
+
+
+@pytest.mark.parametrize("time", [None, np.arange(3.0)])
+def test_only_what_can_be_recorded_is_asked_for(time):
+    """A rate of test points cannot; the slope of a rut is that of what is measured."""
+    samples = SimpleNamespace(time=time, geometry=SimpleNamespace(grouser_count=0, grouser_height=0.0))
+    channels = dict.fromkeys(("load", "torque", "sinkage", "slip"), np.ones(3))
+    wheel = SimpleNamespace(windows=SimpleNamespace(samples=samples), channels=channels)
+    names = ("load-transfer", "sinkage-relaxation", "sensor-lag", "acceleration-torque", "grousers")
+    found = screening.unrecorded([effects.find(name) for name in names], [wheel])
+    assert found == (
+        *("drawbar_pull", "acceleration", "pitch"),
+        *(() if time is None else ("velocity", "angular_velocity")),
+    )

@@ -107,17 +107,27 @@ def test_first_pass_makes_the_whole_gain_and_later_ones_little():
 
 @pytest.mark.parametrize(
     ("dry", "slope", "drives"),
-    [(0.99, -1.96, True), (0.99, -0.6, False), (0.99, 0.07, False), (-0.3, 0.2, True)],
+    [
+        (0.99, -1.96, True),
+        (0.99, -0.6, False),
+        (0.99, 0.07, False),
+        (-0.3, 0.2, True),
+        # Of a power of the speed the straight line begins below 0, where the wheel never turns.
+        (-0.15, 1.0, False),
+    ],
 )
 def test_friction_may_fall_with_speed_but_never_drives(dry, slope, drives):
-    """As it does where the parts hardly move (Stribeck); at 1.5 rad/s it still brakes, or drives."""
+    """As it does where the parts hardly move (Stribeck); from 0.2 to 1.5 rad/s it brakes, or drives."""
     found = {"drivetrain-friction.Tc": dry, "drivetrain-friction.Bv": slope}
     speeds = {"angular_velocity": np.array([0.2, -1.5, np.nan])}
     wheel = found, np.diag([0.03, 0.03]) ** 2, speeds
     doubted = list(effects.find("drivetrain-friction").imitations([wheel]))
     assert bool(doubted) == drives
     both = ("drivetrain-friction.Tc", "drivetrain-friction.Bv")
-    assert all(names == both or dry < 0.0 for _, names, *_ in doubted)
+    assert all(names == both for _, names, *_ in doubted)
+    # Where no speed is measured, only the dry part is sought.
+    alone = {"drivetrain-friction.Tc": dry}, np.diag([0.03]) ** 2, {}
+    assert any(effects.find("drivetrain-friction").imitations([alone])) == (dry < -0.09)
 
 
 def test_little_on_the_wrong_side_means_nothing_where_another_wheel_has_much():

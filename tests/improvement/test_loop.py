@@ -237,7 +237,9 @@ def test_candidates_of_ones_own_are_named_by_their_paths(own):
 
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
-        comparison=SimpleNamespace(channels={}, blocks=20, stretch=None, refused=Refused(), points=False),
+        comparison=SimpleNamespace(
+            channels={}, blocks=20, stretch=None, doubted=(), refused=Refused(), points=False
+        ),
         heldout={},
         verdict="family",
         unrecorded=(),

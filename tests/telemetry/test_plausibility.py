@@ -186,7 +186,22 @@ def test_a_pull_changes_as_the_torque_over_the_radius(name, pulling, judged):
     assert " of what torque over wheel radius changes by, at the same load: if " in line
     entry = re.search(r'(\w+) = \{ column = "\w+", unit = "([^"]*)".*? \}', line)
     assert (entry[1], entry[2]) == (channel, unit)
+    assert line.of == f"the {'sign' if 'sign' in name else 'unit'} of {channel.replace('_', ' ')}"
     assert judged(spoil(pulling), f"{GEOMETRY}[channels]\n{entry[0]}", effects=(), compared=True) == []
+
+
+def test_a_torque_of_the_other_sign_leaves_the_pull_alone(pulling, judged):
+    """Mended too, the pull would be of the wrong sign."""
+    (line,) = judged(pulling.assign(torque=-pulling["torque"]), effects=(), compared=True)
+    assert line.of == "the sign of torque"
+
+
+def test_a_sign_that_rover_toml_states_is_settled(pulling, judged):
+    """Said to be right it is doubted all the same, and nobody is asked again."""
+    stated = '[channels]\ndrawbar_pull = { column = "drawbar_pull", unit = "N" }'
+    wrong = pulling.assign(drawbar_pull=-pulling["drawbar_pull"])
+    (line,) = judged(wrong, f"{GEOMETRY}{stated}", effects=(), compared=True)
+    assert line.of == ""
 
 
 def test_a_pull_that_falls_as_the_wheel_digs_in_is_no_pull_in_pounds(pulling, judged):

@@ -286,7 +286,14 @@ def test_columns_that_mean_nothing(write, rover):
 def test_fitting_columns_are_offered(write, rover):
     with pytest.raises(InputError) as error:
         one(write(csv(good(load=None, Fx_N=1.0, Fy_kN=2.0, other=3.0))), rover)
-    assert '\nload = { column = "…", unit = "N" }  # one of: Fx_N, Fy_kN\n' in error.value.hint
+    assert '\nload = { column = "…" }  # one of: Fx_N, Fy_kN\n' in error.value.hint
+
+
+def test_a_fitting_column_is_offered_in_the_unit_of_its_header(write, rover):
+    """A unit that rover.toml gives stands above that of the header."""
+    with pytest.raises(InputError) as error:
+        one(write(csv(good(torque=None, motor_tq_mNm=3e3))), rover)
+    assert '\ntorque = { column = "…", unit = "mN m" }  # one of: motor_tq_mNm\n' in error.value.hint
 
 
 def test_cells_that_are_missing_here_and_there_are_missing(write, rover):

@@ -17,7 +17,7 @@ from simulator.run import simulate
 
 from formats import CannotWriteError
 from terrain_cli import version
-from terrain_cli.diagnosis.conclusion import Asked
+from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import report, shown_segments

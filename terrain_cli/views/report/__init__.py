@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked
     from terrain_cli.improvement.change_trial import Alternative
 
 __all__ = ["Chart", "Section", "Table", "history", "page", "write"]

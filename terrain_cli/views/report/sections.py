@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked
     from terrain_cli.views.shown_samples import Pairs
     from terrain_cli.vocabulary.arrays import Array, Index
 
