@@ -15,6 +15,7 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refit_ranking, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import model_change
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -98,7 +99,7 @@ def on_full_stresses(
     nature could not have.
     """
     modulus = data.wheels[0].windows.samples.geometry.shear_modulus
-    full = screening.with_stresses(file, modulus)
+    full = model_change.with_stresses(file, modulus)
     several = [
         replace(one, fixed={**full.fixed, **one.fixed}, priors={**full.priors, **one.priors})
         for one in screening.hypotheses(full, data.wheels, effects)[0]

@@ -83,7 +83,7 @@ def hypotheses(
     for assumption in made:
         ways = [model_change.lifted(file, assumption.id, modulus)]
         if assumption.id == model_change.STRESSES and len(made) > 1:
-            ways.append(with_stresses(file, modulus))
+            ways.append(model_change.with_stresses(file, modulus))
         one, *others = [
             Hypothesis(
                 id=assumption.id,
@@ -96,13 +96,6 @@ def hypotheses(
         ]
         found.append(replace(one, others=tuple(others)))
     return found, lacking
-
-
-def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
-    """Return a model of the base linear with the stresses of the full one, and k estimated as there."""
-    for assumption in model_change.made_by(file, shear_modulus)[::-1]:
-        file = model_change.lifted(file, assumption.id, shear_modulus)
-    return file
 
 
 def _available(wheel: FittedWheel) -> dict[str, Any]:

@@ -90,6 +90,13 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
     raise UsageError(f"the model does not make the assumption {name}", hint="terrain-est model show tells")
 
 
+def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
+    """Return a model of the base linear with the stresses of the full one, and k estimated as there."""
+    for assumption in made_by(file, shear_modulus)[::-1]:
+        file = lifted(file, assumption.id, shear_modulus)
+    return file
+
+
 def imposed(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
     """Return a model with an assumption that it did not make: the reverse of `lifted`."""
     _check(name)
