@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ground:
     """The data of a diagnosis, in one way of joining segments to soils, with the base fitted."""
 
@@ -103,7 +103,7 @@ def ground(
         kept.append(block[index][some])
         datas.append(thin)
         solutions.append(solution)
-    return Ground(list(wheels), rows, kept, datas, solutions, felt)
+    return Ground(wheels=list(wheels), rows=rows, block=kept, data=datas, base=solutions, felt=felt)
 
 
 def _felt(wheel: FittedWheel, data: SmoothedData, rows: Index) -> float:
