@@ -90,7 +90,7 @@ class FitData:
     # unless the model misses a window by more than noise
     excess: Array
     mean: Array  # Shape (inputs, w): of what was measured
-    steady: Mask  # Shape (inputs, w): where an input is held at its mean (`steady_inputs`)
+    steady: Mask  # Shape (inputs, w): where an input is held at its mean (`channel_series.steadied`)
 
     @cached_property
     def count(self) -> Index:
