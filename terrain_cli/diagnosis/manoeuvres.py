@@ -9,6 +9,7 @@ import numpy as np
 
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.telemetry.effect_inputs import RUT
+from terrain_cli.vocabulary.quantities import number
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -129,8 +130,9 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             calm[f"{name}_deg"] = angle
     around = f"for {seconds:.0f} s on the same ground"
     here = f"at slip {at.slip:.2f}"
-    loaded = f"{at.load:.3g} N on the wheel"
-    loads = ", ".join(f"{at.load * share:.3g}" for share in (0.6, 1.0)) + f" and {at.load * 1.4:.3g} N"
+    loaded = f"{number(at.load)} N on the wheel"
+    loads = ", ".join(number(at.load * share) for share in (0.6, 1.0)) + f" and {number(at.load * 1.4)} N"
+    lifted = number(at.load * _LIFTED, 2)
     speeds = ", ".join(f"{at.speed * share:.2g}" for share in (0.4, 1.0)) + f" and {at.speed * 2.5:.2g} m/s"
     spurts = [0.5, 2.0] * max(2, round(seconds / (2.0 * _SPURT)))
     sweep = [0.05, 0.6, 0.05, 0.6, 0.05]
@@ -189,19 +191,19 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             speed=spurts,
         ),
         made(
-            f"lift the wheel until {at.load * _LIFTED:.2g} N are left on it, and turn it at {speeds}, {here}",
+            f"lift the wheel until {lifted} N are left on it, and turn it at {speeds}, {here}",
             "load",
             "speed",
             load=_LIFTED,
             speed=pacing,
         ),
         made(
-            f"drive with {at.load * _LIFTED:.2g}, {loads} on the wheel in turn, {here}",
+            f"drive with {lifted}, {loads} on the wheel in turn, {here}",
             "load",
             load={"steps": [1.0, _LIFTED, 0.6, 1.4] * 2},
         ),
         made(
-            f"drive with {at.load:.3g} and {at.load * _HEAVY:.3g} N on the wheel in turn, {here}",
+            f"drive with {number(at.load)} and {number(at.load * _HEAVY)} N on the wheel in turn, {here}",
             "load",
             load={"steps": [1.0, _HEAVY] * 3},
         ),

@@ -270,6 +270,12 @@ AT = manoeuvres.Conditions(
 )
 
 
+def test_a_heavy_wheel_is_told_its_loads_in_plain_numbers():
+    texts = [one.text for one in manoeuvres.library(replace(AT, load=1210.0), 60.0)]
+    assert not any("e+" in text for text in texts)
+    assert any("until 121 N are left on it" in text for text in texts)
+
+
 @pytest.mark.parametrize("one", manoeuvres.library(AT, 60.0), ids=lambda one: one.text[:30])
 def test_every_manoeuvre_can_be_simulated_and_is_what_is_forecast(one):
     scenario = simulation.read(None, {"part": [one.part], "load": LOAD, "speed": SPEED, "rate": 10.0})
