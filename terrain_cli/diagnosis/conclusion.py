@@ -340,7 +340,7 @@ def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     """Send to rover.toml where a sign or a unit is doubted: what an effect explains of it is no physics."""
     if not found.doubted:
         return None
-    settle = "first put the note's line for it into rover.toml, or one with the unit alone if it is right"
+    settle = "if so, put the line that the note gives into rover.toml; if not, state only the unit there"
     return f"{listed(found.doubted)} may be wrong: {settle}", asked.looked("compare")
 
 
