@@ -31,6 +31,11 @@ SMALLEST_SHARE = criterion(
 
 """How many standard errors are significant?"""
 BETTER = criterion(2.0, "a model is better than another if it gains more")
+LEAST_GAIN = criterion(
+    1.0,
+    "and more noise variances, over all samples: of two models that predict the same, such as wheel-radius "
+    "and a slip that is off by a share, one gained 0.03 ± 0.01",
+)
 TESTABLE = criterion(2.0, "an effect is testable if three times its typical size stands out by more")
 SURE_OF_BENT_LAWS = criterion(
     4.0,

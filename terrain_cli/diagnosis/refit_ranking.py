@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def beats(one: Refit, other: Refit) -> bool:
     """Tell whether one model predicts better than another, beyond chance."""
     gain = other.loss - one.loss
-    return float(gain.sum()) > criteria.BETTER * error(gain)
+    return float(gain.sum()) > max(criteria.BETTER * error(gain), criteria.LEAST_GAIN)
 
 
 def as_good(one: Refit, other: Refit) -> bool:

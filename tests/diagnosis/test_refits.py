@@ -1,13 +1,14 @@
 """What an effect leaves on held-out blocks, as `compare` has it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hidden_drives import Kind, Rover, sized, windows_of
 
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import diagnose, refits
+from terrain_cli.diagnosis import diagnose, refit_ranking, refits
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
@@ -55,3 +56,10 @@ def test_a_lag_is_no_smaller_than_quick_changes_show():
     assert found.alarm.raised
     size = float(np.sqrt(np.mean((shown - torque) ** 2) / np.mean(shown**2)))
     assert 0.5 * size < found.alarm.share < size
+
+
+def test_of_models_that_predict_the_same_none_is_better():
+    """However sure the difference is: it is that of where two searches ended."""
+    worse, same, better = (SimpleNamespace(loss=np.full(40, 190.0) + more) for more in (0.0, -0.001, -1.0))
+    assert not refit_ranking.beats(same, worse)
+    assert refit_ranking.beats(better, worse)
