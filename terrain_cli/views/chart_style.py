@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from terrain_cli import version
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,7 +61,7 @@ def need(extra: str) -> None:
     if missing:
         what = {"plot": "pictures need", "report": "a report needs"}[extra]
         raise ConfigurationError(
-            f"{what} {' and '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed",
+            f"{what} {listed(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed",
             hint=version.command_for(extra),
         )
 
