@@ -153,6 +153,13 @@ def jackknife(value: Any, without: Array) -> Interval:
     return Interval(float(value), float(value) - reach, float(value) + reach)
 
 
+def root_intervals(sums: Array) -> list[Interval]:
+    """Return root mean squares from sums by block, the last column of which is their number."""
+    total = sums.sum(axis=0)
+    roots, others = logarithmic_roots(total), logarithmic_roots(total - sums)
+    return [exponential(jackknife(root, without)) for root, without in zip(roots, others.T, strict=True)]
+
+
 def exponential(interval: Interval) -> Interval:
     """Return the interval of a value from that of its logarithm."""
     return Interval(*(float(np.exp(value)) for value in interval))

@@ -352,6 +352,5 @@ def _heldout(parts: Sequence[tuple[Series, Index]]) -> blocks.Interval:
     sums = blocks.squares(parts)
     if len(sums) == 0:
         return blocks.Interval(np.nan, np.nan, np.nan)
-    total = sums.sum(axis=0)
-    roots = blocks.logarithmic_roots(total)[0], blocks.logarithmic_roots(total - sums)[:, 0]
-    return blocks.exponential(blocks.jackknife(*roots))
+    (interval,) = blocks.root_intervals(sums)
+    return interval

@@ -75,9 +75,8 @@ def root_intervals(sums: Array) -> tuple[Interval, Interval, Interval, float]:
     interval. So a few blocks can prove what is plain, and nothing else.
     """
     sums = sums[sums[:, 2] > 0.0]
-    total = sums.sum(axis=0)
-    roots, others = blocks.logarithmic_roots(total), blocks.logarithmic_roots(total - sums)
-    before, after = (blocks.exponential(blocks.jackknife(roots[k], others[:, k])) for k in (0, 1))
+    before, after = blocks.root_intervals(sums)
+    others = blocks.logarithmic_roots(sums.sum(axis=0) - sums)
     changes = np.diff(np.exp(others), axis=1)[:, 0]
     change = blocks.jackknife(after.value - before.value, changes)
     return before, after, change, blocks.jackknife_error(changes)

@@ -128,14 +128,15 @@ def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: 
         return bounds
     each = [[d, d**2, d * line] for d in map(_standard, drivers) if d is not None]
     # What a driver does may be another thing on each soil.
-    plain = Lines([line], (), level, bounds)
-    own = [_saved(Lines([line, *terms], (), level, bounds), plain, fixed, _OWN_PENALTY) for terms in each]
+    left = Lines([line], (), level, bounds).left()
+    own = [_saved(Lines([line, *terms], (), level, bounds), left, fixed, _OWN_PENALTY) for terms in each]
     saved, joined = max(own, key=itemgetter(0), default=(0.0, bounds))
     bounds = joined if saved > 0.0 else bounds
     shared: list[Array] = []
     while each:
         plain = Lines([line], shared, level, bounds)
-        tried = [_saved(replace(plain, shared=[*shared, *terms]), plain, fixed, PENALTY) for terms in each]
+        left = plain.left()
+        tried = [_saved(replace(plain, shared=[*shared, *terms]), left, fixed, PENALTY) for terms in each]
         place = max(range(len(each)), key=lambda place: tried[place][0])
         if tried[place][0] <= 0.0:
             break
@@ -144,8 +145,11 @@ def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: 
     return bounds
 
 
-def _saved(lines: Lines, plain: Lines, fixed: Index, penalty: float) -> tuple[float, Bounds]:
-    """Return what further terms save, less their cost, and the bounds that remain with them."""
+def _saved(lines: Lines, plain: float, fixed: Index, penalty: float) -> tuple[float, Bounds]:
+    """Return what further terms save, less their cost, and the bounds that remain with them.
+
+    `plain` is the sum of squares that is left without them.
+    """
     joined, lost = _joined(lines, plain, fixed, penalty)
     return PENALTY * (len(lines.bounds) - 3) - penalty * (len(joined) - 2) - lost, joined
 
@@ -183,6 +187,10 @@ class Lines:
         found = np.linalg.solve(_regular(moments[:, :n, :n]), moments[:, :n, n:])
         return np.asarray(moments[:, n:, n:] - moments[:, n:, :n] @ found)
 
+    def left(self) -> float:
+        """Return the sum of squares that lines and terms leave."""
+        return float(_left(self.without_own(self.moments()).sum(axis=0)))
+
     def scatter(self, moments: Array) -> float:
         """Return the long-run variance of the residuals."""
         n = 1 + len(self.own)
@@ -198,13 +206,12 @@ class Lines:
         return size**2 * correlation_factor(residuals / size, self.bounds[1:-1], fitted) if size else _RIDGE
 
 
-def _joined(lines: Lines, plain: Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]:
-    """Join windows; return the bounds that remain, and by how much more is left than by the plain lines."""
+def _joined(lines: Lines, plain: float, fixed: Index, penalty: float) -> tuple[Bounds, float]:
+    """Join windows; return the bounds that remain, and by how much more is left than `plain`, in its unit."""
     bounds, moments = lines.bounds, lines.moments()
     unit = lines.scatter(moments)
     reduced = lines.without_own(moments)
     total = reduced.sum(axis=0)
-    begin = _left(plain.without_own(plain.moments()).sum(axis=0))
     while len(moments) > 1:
         pairs = lines.without_own(moments[:-1] + moments[1:])
         gain = (_left(total - reduced[:-1] - reduced[1:] + pairs) - _left(total)) / unit
@@ -219,7 +226,7 @@ def _joined(lines: Lines, plain: Lines, fixed: Index, penalty: float) -> tuple[B
         bounds = np.append(bounds[:-1][stays], bounds[-1])
         reduced = lines.without_own(moments)
         total = reduced.sum(axis=0)
-    return bounds, float(_left(total) - begin) / unit
+    return bounds, float(_left(total) - plain) / unit
 
 
 def solved(moments: Array) -> Array:
