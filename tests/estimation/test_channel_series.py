@@ -68,7 +68,20 @@ def test_so_it_is_where_the_noise_lasts():
     series = [remembering(np.random.default_rng(seed).standard_normal(size), 0.5) for seed in range(8)]
     found = [held({**channels, "slip": 0.2 * (1.0 + NOISE * one)}) for one in series]
     # Now and then sinkage or torque seems to follow it.
-    assert found.count({"slip"}) >= 6
+    assert found.count({"slip"}) >= 7
+
+
+def test_and_where_torque_and_slip_drift():
+    """Two drifts seem to follow one another: slip was free, k 3 mm for 7, and c 6 standard errors too low."""
+    channels, size = driven(UPLAND_SANDY_LOAM, ROUGH, constant(0.2)), round(SECONDS * RATE)
+    found = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        slip, torque = (remembering(rng.standard_normal(size), np.exp(-3.0 / size)) for _ in range(2))
+        drifting = {**channels, "torque": channels["torque"] * (1.0 + 0.7 * NOISE * torque)}
+        drifting["slip"] = channels["slip"] * (1.0 + 0.7 * NOISE * slip)
+        found.append(held(drifting))
+    assert found.count({"slip"}) >= 7
 
 
 @pytest.mark.parametrize("load", [ROUGH, constant(80.0)], ids=["rough", "constant"])

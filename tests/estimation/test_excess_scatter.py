@@ -24,6 +24,8 @@ def test_white_noise_is_never_taken_for_a_long_memory():
     found = memory(np.random.default_rng(1).standard_normal((SERIES, N)), BOUNDS)
     assert np.mean(found > 1.0) < 0.05
     assert found.max() < 4.0
+    some = np.random.default_rng(1).standard_normal((SERIES // 8, 8, N))
+    assert np.mean([memory(one, BOUNDS) > 1.0 for one in some]) < 0.05
 
 
 @pytest.mark.parametrize(("decay", "share"), [(0.8, 1.0), (0.9, 0.5), (0.9, 1.0)])
@@ -37,6 +39,14 @@ def test_a_drift_that_is_small_beside_white_noise_is_found():
     rows = remembering(np.random.default_rng(6), np.exp(-3.0 / N), 0.2)
     off = rows.mean(axis=1) / np.sqrt(rows.var(axis=1) * memory(rows, BOUNDS)[:, 0] / N)
     assert np.mean(np.abs(off) > 3.0) < 0.03
+
+
+def test_a_drift_is_found_sooner_in_several_series():
+    rows = remembering(np.random.default_rng(7), np.exp(-3.0 / N), 0.03)
+    off = np.abs(rows.mean(axis=1)) / np.sqrt(rows.var(axis=1) / N)
+    alone = np.concatenate([memory(one[None], BOUNDS)[:, 0] for one in rows])
+    together = np.concatenate([memory(some, BOUNDS)[:, 0] for some in rows.reshape(-1, 8, N)])
+    assert np.mean(off > 3.0 * np.sqrt(together)) < 0.5 * np.mean(off > 3.0 * np.sqrt(alone))
 
 
 def test_pieces_of_one_series_have_one_memory():

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
-from terrain_cli.estimation.wheel_fit.excess_scatter import NOISE_LASTS
+from terrain_cli.estimation.wheel_fit.excess_scatter import NOISE_LASTS, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
 
 if TYPE_CHECKING:
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 #: Standard deviations beyond chance at which an input varies from more than noise, or a channel follows it.
 _PLAIN = 3.0
+#: Variance of a sensor that drifts beside that of its noise within a second, up to which it may be all that
+#: varies. Judged: a drift as large as the noise.
+_DRIFTS = 2.0
 #: Samples of a window that tell noise from soil.
 EACH = 30
 #: Samples of pure noise that are left out of a whole log, on average. Judged.
@@ -140,7 +143,8 @@ def steadied(data: FitData, second: float) -> FitData:
         largest = LargestNoise.of(column, data, steady[row], second)
         varies = segment_sum((column - np.repeat(data.mean[row], data.count)) ** 2, data.bounds)
         chance = 1.0 + _PLAIN * np.sqrt(2.0 / np.maximum(largest.degrees, 1.0))
-        still = (data.count >= EACH) & (varies <= chance * largest.variance * data.count)
+        most = np.maximum(chance, _DRIFTS) * largest.variance * data.count
+        still = (data.count >= EACH) & (varies <= most)
         for follower, responds in {**given, **outputs}.items():
             others = [one for other, one in given.items() if other != follower]
             still &= ~_follows(responds, column, others, data.bounds)
@@ -149,14 +153,24 @@ def steadied(data: FitData, second: float) -> FitData:
 
 
 def _follows(channel: Array, column: Array, given: Sequence[Array], bounds: Bounds) -> Mask:
-    """Tell in which windows a channel follows another one beyond chance, some others given, shape (w,)."""
-    table = np.stack([np.ones_like(column), *given, column, channel])[None]
-    known = np.asarray(np.isfinite(table[0]).all(axis=0))
+    """Tell in which windows a channel follows another one beyond chance, some others given, shape (w,).
+
+    Two channels that both drift seem to follow one another (Granger & Newbold 1974, Journal of Econometrics
+    2, 111): what lasts in their product counts for fewer samples.
+    """
+    table = np.stack([np.ones_like(column), *given, column, channel])
+    known = np.asarray(np.isfinite(table).all(axis=0))
     table = np.where(known, table, 0.0)
-    products = window_products(table, table, bounds)
+    products = window_products(table[None], table[None], bounds)
     size = np.sqrt(np.maximum(np.einsum("waa->wa", products), np.finfo(float).tiny))
-    related = products / (size[:, :, None] * size[:, None, :])
-    left = np.linalg.inv(related + _ROUNDING * np.eye(related.shape[1]))
-    share = left[:, -1, -2] ** 2 / (left[:, -1, -1] * left[:, -2, -2])
-    free = np.maximum(segment_sum(known.astype(float), bounds) - related.shape[1], 0.0)
-    return np.asarray(free * share > _PLAIN**2 * (1.0 - share))
+    related = products / (size[:, :, None] * size[:, None, :]) + _ROUNDING * np.eye(len(table))
+    count = np.diff(bounds)
+    table /= np.repeat(size, count, axis=0).T
+    shares = np.repeat(np.linalg.solve(related[:, :-2, :-2], related[:, :-2, -2:]), count, axis=0)
+    own, other = table[-2:] - np.einsum("ngk,gn->kn", shares, table[:-2])
+    power = segment_sum(own**2, bounds)
+    slope = segment_sum(own * other, bounds) / np.maximum(power, np.finfo(float).tiny)
+    rest = other - np.repeat(slope, count) * own
+    lasting = memory((own * rest)[None], bounds)[0]
+    free = np.maximum(segment_sum(known.astype(float), bounds) - len(table), 0.0)
+    return np.asarray(free * slope**2 * power > _PLAIN**2 * lasting * segment_sum(rest**2, bounds))
