@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
+from functools import cache
+from importlib.resources import files
 from typing import Any
 
-from terrain_cli.mechanics.effect import Parameter
+from terrain_cli.mechanics.effect import Effect, Parameter
 
 
 def parameter(
@@ -18,3 +21,13 @@ def parameter(
 ) -> Parameter:
     """Return a parameter of most effects: a number within bounds, and no effect at 0."""
     return Parameter(name, unit, null, scale, meaning, lower=bounds[0], upper=bounds[1], **more)
+
+
+def effect(**what: Any) -> Effect:
+    """Return an effect of the catalogue, with what is told of it in effects.toml."""
+    return Effect(**what, **{key: " ".join(text.split()) for key, text in _told()[what["id"]].items()})
+
+
+@cache
+def _told() -> dict[str, dict[str, str]]:
+    return tomllib.loads(files(__package__).joinpath("effects.toml").read_text("utf-8"))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from terrain_cli.effects.laws.grammar import Law
-from terrain_cli.effects.library import parameter
-from terrain_cli.mechanics.effect import Effect, Quantities
+from terrain_cli.effects.library import effect, parameter
+
+if TYPE_CHECKING:
+    from terrain_cli.mechanics.effect import Quantities
 
 #: Of loose dry soil, in kg/m³.
 _DENSITY = 1600.0
@@ -32,7 +34,7 @@ def _pull_less_the_wall(q: Quantities) -> Any:
     return q["drawbar_pull"] - q["factor"] * wall
 
 
-BULLDOZING = Effect(
+BULLDOZING = effect(
     id="bulldozing",
     title="The wheel pushes soil before it",
     kind="force",
@@ -43,28 +45,12 @@ BULLDOZING = Effect(
     ),
     laws={"drawbar_pull": _pull_less_the_wall},
     formula="DP −= factor · b (c Kc z + ½ γ Kγ z²), Kc = (Nc − tan φ) cos²φ, Kγ = (2 Nγ/tan φ + 1) cos²φ",
-    explanation=(
-        "In deep loose soil the wheel heaps up a wall before it and must push it: passive earth pressure on "
-        "a blade of the wheel's width and the depth of the sinkage, with Terzaghi's bearing-capacity "
-        "factors. It is felt from z/2r of about 0.06. Unit weight cannot be told from the size of the force, "
-        "so it is that of 1600 kg/m³ under the gravity of the rover's world and one factor scales the whole; "
-        "the formula is for firm soil, and in loose soil 0.1 to 0.5 of it is usual. Only drawbar pull falls, "
-        "with z and z²: torque and load stay. That tells it from rear-contact and max-stress-angle, which "
-        "move the load too, and from slope, which does not ask how deep the wheel stands."
-    ),
-    shows="drawbar pull alone, against sinkage and its square",
-    reference=(
-        "Bekker (1969), Introduction to Terrain-Vehicle Systems, University of Michigan Press; "
-        "Apostolopoulos (2001), Analytical Configuration of Wheeled Robotic Locomotion, Carnegie Mellon "
-        "University, CMU-RI-TR-01-08"
-    ),
-    settled_by="load steps, or a slip sweep that sinks the wheel, with drawbar pull measured",
 )
 
 #: Share of the weight that presses on the ground.
 _PRESSING = "(1 + factor * (cos(pitch) - 1))"
 
-SLOPE = Effect(
+SLOPE = effect(
     id="slope",
     title="Weight along a slope",
     kind="force",
@@ -79,17 +65,6 @@ SLOPE = Effect(
     },
     needs=("pitch", "load"),
     formula="W felt = W cos(pitch), DP shown = DP − W sin(pitch), each taken by the factor",
-    explanation=(
-        "Where the load is the weight on the wheel and the drawbar pull is what is left to pull with, a "
-        "slope takes W sin(pitch) from the pull and leaves W cos(pitch) to press on the ground. The factor "
-        "is 1 if the channels know nothing of the slope, 0 if they already account for it, as a load does "
-        "that is derived from the rover's mass, and a pull that is measured between wheel and axle. Drawbar "
-        "pull falls in proportion to the sine of pitch, and everything else only by the small loss of load. "
-        "Load-transfer follows pitch too, but moves load, sinkage and torque more than pull."
-    ),
-    shows="drawbar pull against pitch",
-    reference="Wong (2008), Theory of Ground Vehicles, 4th edition, Wiley: grade resistance",
-    settled_by="the same slope up and down, at one slip",
 )
 
 
@@ -102,7 +77,7 @@ def _load_transferred(q: Quantities) -> Any:
     return load + q["ratio"] * (pull + inertia) + q["slope_ratio"] * climbing
 
 
-LOAD_TRANSFER = Effect(
+LOAD_TRANSFER = effect(
     id="load-transfer",
     title="Load moves between the axles",
     kind="force",
@@ -125,17 +100,4 @@ LOAD_TRANSFER = Effect(
         "W felt = W + ratio (DP + m a) + slope_ratio W sin(pitch), m = W/g; where DP is not measured, W "
         "sin(pitch) stands for it and slope_ratio says nothing"
     ),
-    explanation=(
-        "A pull, a climb or an acceleration acts at a height h above the ground and is held by the wheels a "
-        "length L apart: rear wheels gain load and front wheels lose it, 5 to 20 %. A load that is taken as "
-        "constant, or measured only at rest, is then wrong for the wheel. The measured drawbar pull is used "
-        "where there is one, and beside it the weight along the slope, which all wheels hold together; else "
-        "that weight alone. The inertia is added where acceleration is measured. Sinkage, torque and pull "
-        "all follow, in proportion to pitch and acceleration and with opposite signs in front and behind. "
-        "Load-bias is there on the flat too; multi-pass also parts front from rear wheels, but in a fixed "
-        "step."
-    ),
-    shows="sinkage, torque and drawbar pull against pitch and acceleration",
-    reference="Wong (2008), Theory of Ground Vehicles, 4th edition, Wiley: loads of the axles in motion",
-    settled_by="the same slope up and down, or starting and stopping hard on the flat",
 )
