@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from importlib import import_module
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -58,11 +59,7 @@ class Named(click.Path):
         ]
 
 
-class Reads(Named):
-    """A file that is read."""
-
-
-class _Effect(Reads):
+class _Effect(Named):
     """An effect: an id, or a file; `simulate` lets its values follow."""
 
     # In the environment a space stands between two: there may be a colon in one.
@@ -80,10 +77,9 @@ def _logs(what: str) -> Callable[[str], Iterable[Read]]:
     return reads
 
 
-def _effect_names() -> Iterable[str]:
-    from terrain_cli.effects import NAMES
-
-    return NAMES
+def names_in(module: str, table: str) -> Callable[..., Iterable[str]]:
+    """Return what finds the names in a table of a module, which is imported only then."""
+    return lambda *_: getattr(import_module(f"terrain_cli.{module}"), table)
 
 
 def _effect(name: str) -> Iterator[Read]:
@@ -232,13 +228,13 @@ class _Write(NamedTuple):
         return set() if self.stream else self.identities
 
 
-INPUT = Reads(_logs(_INPUT))
-ROVER = Reads(lambda name: (Read("the rover file", name),))
-PLACES = Reads(_logs("the localisation table"))
-MODEL = Reads(_model, lambda: BASES)
-EFFECT = _Effect(_effect, _effect_names)
-EFFECT_FILE = Reads(lambda name: (Read(_EFFECT_FILE, name),))
-DRIVE = Reads(_drive)
+INPUT = Named(_logs(_INPUT))
+ROVER = Named(lambda name: (Read("the rover file", name),))
+PLACES = Named(_logs("the localisation table"))
+MODEL = Named(_model, lambda: BASES)
+EFFECT = _Effect(_effect, names_in("effects", "NAMES"))
+EFFECT_FILE = Named(lambda name: (Read(_EFFECT_FILE, name),))
+DRIVE = Named(_drive)
 OUTPUT = Writes()
 RESULT = Writes(result=True)
 SEGMENTS = Writes(named_files.SEGMENTS, result=True, layer=True)

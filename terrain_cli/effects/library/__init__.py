@@ -25,7 +25,8 @@ def parameter(
 
 def effect(**what: Any) -> Effect:
     """Return an effect of the catalogue, with what is told of it in effects.toml."""
-    return Effect(**what, **{key: " ".join(text.split()) for key, text in _told()[what["id"]].items()})
+    told: dict[str, Any] = {key: " ".join(text.split()) for key, text in _told()[what["id"]].items()}
+    return Effect(**what, **told)
 
 
 @cache
