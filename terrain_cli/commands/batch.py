@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -190,7 +190,7 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
     from terrain_cli.batch import batch_run
 
-    before = signal.signal(signal.SIGTERM, _stop)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     progress = Rate(enabled=not given["quiet"])
     try:
         tally = batch_run.run(given["inputs"], found, given["output"], order, progress.show)
@@ -226,10 +226,6 @@ def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
             err=True,
         )
     return UnfinishedError.exit_code
-
-
-def _stop(*_: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def _told(tally: Tally, seconds: float) -> str:
