@@ -39,6 +39,7 @@ class Rate:
         self._started = time.monotonic()
         self._next = self._started + PATIENCE
         self._line = StatusLine()
+        self.close = self._line.wipe
         self.tally: Tally | None = None
 
     @property
@@ -55,9 +56,6 @@ class Rate:
             self._line.draw(line(tally, self.seconds))
         else:
             click.echo(line(tally, self.seconds), err=True)
-
-    def close(self) -> None:
-        self._line.wipe()
 
 
 def line(tally: Tally, seconds: float) -> str:

@@ -59,13 +59,6 @@ class Named(click.Path):
         ]
 
 
-class _Effect(Named):
-    """An effect: an id, or a file; `simulate` lets its values follow."""
-
-    # In the environment a space stands between two: there may be a colon in one.
-    envvar_list_splitter = None  # type: ignore[assignment]
-
-
 def _logs(what: str) -> Callable[[str], Iterable[Read]]:
     """Return what reads logs, or a table that is read as one: files, folders and patterns."""
 
@@ -232,7 +225,10 @@ INPUT = Named(_logs(_INPUT))
 ROVER = Named(lambda name: (Read("the rover file", name),))
 PLACES = Named(_logs("the localisation table"))
 MODEL = Named(_model, lambda: BASES)
-EFFECT = _Effect(_effect, names_in("effects", "NAMES"))
+# An id, or a file; `simulate` lets values follow.
+EFFECT = Named(_effect, names_in("effects", "NAMES"))
+# In the environment a space stands between two: there may be a colon in one.
+EFFECT.envvar_list_splitter = None  # type: ignore[misc,assignment]
 EFFECT_FILE = Named(lambda name: (Read(_EFFECT_FILE, name),))
 DRIVE = Named(_drive)
 OUTPUT = Writes()
