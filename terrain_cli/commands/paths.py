@@ -125,6 +125,10 @@ class Writes(Named):
         """Yield the files that are there no more, or are others, once it is written."""
         yield name
 
+    def sign_of(self, path: Path) -> Sign | None:  # noqa: ARG002 - in a folder it depends on the name
+        """Return what shows that a file was written by this program, if it has the name of a result."""
+        return self.sign
+
     def of_others(self, name: str) -> Iterator[str]:
         """Yield the files that would be replaced, and that this program did not write before."""
         file = str(resolved(name))
@@ -138,6 +142,12 @@ class Writes(Named):
 
 class _Folder(Writes):
     """A folder in which files are written under names that nobody gives."""
+
+    def of_others(self, name: str) -> Iterator[str]:
+        for path in named_files.files(name):
+            sign = self.sign_of(path)
+            if sign and not sign.on(str(path)):
+                yield str(path)
 
 
 class _Pictures(_Folder):
@@ -163,8 +173,8 @@ class _Pictures(_Folder):
         path = resolved(file)
         return path.suffix in self._ENDINGS and identity(str(path.parent)) == identity(name)
 
-    def of_others(self, name: str) -> Iterator[str]:
-        return named_files.pictures_of_others(name)
+    def sign_of(self, path: Path) -> Sign | None:
+        return named_files.PICTURE if named_files.PICTURES.fullmatch(path.name) else None
 
 
 class _Batch(_Folder):
@@ -181,8 +191,13 @@ class _Batch(_Folder):
 
         return belongs(resolved(name), file)
 
-    def of_others(self, name: str) -> Iterator[str]:
-        return named_files.files_of_others(name)
+    def sign_of(self, path: Path) -> Sign | None:
+        from terrain_cli.batch.batch_folder import MANIFEST, is_batch
+        from terrain_cli.batch.batch_run import SUMMARY, TABLE
+
+        signs = {SUMMARY: named_files.SUMMARY, MANIFEST: named_files.MANIFEST}
+        sign = named_files.SEGMENTS if path.stem == TABLE else signs.get(path.name)
+        return None if is_batch(str(path.parent)) else sign
 
 
 class _Write(NamedTuple):
