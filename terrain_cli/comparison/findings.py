@@ -15,6 +15,7 @@ from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
+from terrain_cli.comparison.shapes import Shape
 from terrain_cli.comparison.smoothed_channels import is_quiet
 from terrain_cli.vocabulary.quantities import listed, quantity
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_noise import NoiseLevel
     from terrain_cli.comparison.residual_search import Found
-    from terrain_cli.comparison.shapes import Shape
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
@@ -123,7 +123,7 @@ class Residuals:
         return np.where(there, common[np.where(there, codes, 0.0).astype(int)], np.nan)
 
     def _shapes(self) -> list[Shape]:
-        found = [shapes.constant()]
+        found = [Shape(name="constant")]
         if self.found is None and self._one_clock():
             segments = np.concatenate(
                 [w.segment[rows] for w, rows in zip(self.wheels, self.rows, strict=True)]
