@@ -19,10 +19,9 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests"), str(HERE.parent / "tests" / "comparison")]
 
 import numpy as np  # noqa: E402 - found through the path above
-from known_misfits import MISFITS, Kind, windows_of  # noqa: E402 - as above
+from known_misfits import MISFITS, Kind, compare, windows_of  # noqa: E402 - as above
 
 from benchmarks.published import publish  # noqa: E402 - found through the path above
-from terrain_cli.comparison import compare  # noqa: E402 - as above
 from terrain_cli.comparison.comparison_criteria import FINDING_LEVEL, SMALLEST_FINDING  # noqa: E402 - as above
 from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 

@@ -12,7 +12,7 @@ from wheel_table import ROVER, good, text
 
 from formats.output import whole_files
 from terrain_cli.app import main
-from terrain_cli.commands import named_files
+from terrain_cli.commands import named_files, paths
 
 TABLES = ("csv", "parquet", "json", "geojson", "geojsonl", "geojsons", "gpkg")
 KEPT = "is there already, and is no earlier result of this kind"
@@ -156,8 +156,8 @@ def test_pictures(here):
     assert run(*args) == 0
     drawn = {path.name for path in Path("drawn").iterdir()} - {"holiday.png"}
     assert drawn
-    assert all(map(named_files._PICTURES.fullmatch, drawn))
-    assert not list(named_files.pictures_of_others("drawn"))
+    assert all(map(named_files.PICTURES.fullmatch, drawn))
+    assert not list(paths.PICTURES.of_others("drawn"))
 
 
 @pytest.mark.parametrize("name", ["summary.json", "manifest.jsonl", "segments.parquet", "segments.gpkg"])

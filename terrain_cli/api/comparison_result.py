@@ -241,14 +241,10 @@ def report(
         Of the page: HTML that needs no network and no other file. A file of this name is replaced.
     model : ModelFile, str or Path
         As for `compare`. The history of a model file is shown too.
-    rover : Rover, str or Path, optional
-        For a path or DataFrame, as for `read`.
     candidates : int
         Effects to choose from on the page, where the model lacks one.
-    seed : int
-        Of the resampling behind intervals and tests.
-    jobs : int
-        Processes that fit; the result is the same.
+    rover, seed, jobs
+        As for `compare`.
 
     Returns
     -------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.api import result_tables
-from terrain_cli.api.logs import as_model, silent, windows_of
+from terrain_cli.api.logs import as_model, windows_of
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import diagnose as diagnosed
 from terrain_cli.diagnosis.verdict import sizes_text
@@ -209,6 +209,6 @@ def diagnose(
             effects=list(every.values()),
             seed=seed,
             smallest_share=smallest_share,
-            progress=progress or silent,
+            progress=progress or (lambda _: None),
         )
     return DiagnosisResult(found)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli import improvement, models, processes
 from terrain_cli.api import result_tables
-from terrain_cli.api.logs import as_model, silent, windows_of
+from terrain_cli.api.logs import as_model, windows_of
 from terrain_cli.comparison import kept_aside
 from terrain_cli.improvement import model_history
 from terrain_cli.presentation import change_text
@@ -156,14 +156,8 @@ def add_effect(
     keep_aside : float, optional
         Judge only on this share of each input, in eight stretches, which `diagnose` with the same share did
         not see. By default on all of it.
-    rover : Rover, str or Path, optional
-        For a path or DataFrame, as for `read`.
-    seed : int
-        Of all that is drawn at random.
-    jobs : int
-        Processes that fit; the result is the same.
-    progress : callable, optional
-        Called with the name of each step before it begins, such as ``print``.
+    rover, seed, jobs, progress
+        As for `diagnose`.
 
     Returns
     -------
@@ -204,7 +198,7 @@ def add_effect(
             before,
             changed.file,
             seed=seed,
-            progress=progress or silent,
+            progress=progress or (lambda _: None),
         )
     step = replace(step, kept=step.pays or keep)
     if not step.kept:

@@ -139,11 +139,9 @@ def from_frame(
         otherwise it is in SI units.
     rover : Rover, str or Path, optional
         A rover, or its file. By default rover.toml in the current folder.
-    where : str, optional
-        As for `read`.
     source : str
         Name of the data in tables of results.
-    model : ModelFile, str or Path, optional
+    where, model
         As for `read`.
 
     Returns
@@ -216,10 +214,6 @@ def segment(
         window_samples=window_samples,
         window_distance=window_distance,
     )
-
-
-def silent(_: str) -> None:
-    """Say nothing of a step."""
 
 
 def as_model(model: ModelFile | str | Path) -> ModelFile:

@@ -12,7 +12,7 @@ from terrain_cli.presentation import terminal
 from terrain_cli.vocabulary.quantities import short
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -92,18 +92,10 @@ def column(channel: str, what: str, unit: str) -> str:
 
 def html(lines: Iterable[str], tables: Mapping[str, pd.DataFrame]) -> str:
     """Return what a notebook shows: sentences, then tables under their captions."""
-    parts = [*(f"<p>{escape(line)}</p>" for line in lines), *_tables(tables)]
-    return "\n".join(['<div class="terrain-est" style="overflow-x: auto">', *parts, "</div>"])
-
-
-def _tables(tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
+    parts = [f"<p>{escape(line)}</p>" for line in lines]
     for caption, table in tables.items():
         if len(table):
-            yield f"<p><b>{escape(caption)}</b></p>"
-            yield table.to_html(
-                index=table.index.name is not None,
-                border=0,
-                float_format=short,
-                na_rep="–",
-                max_rows=_MOST_ROWS,
-            )
+            named = table.index.name is not None
+            shown = table.to_html(index=named, border=0, float_format=short, na_rep="–", max_rows=_MOST_ROWS)
+            parts += [f"<p><b>{escape(caption)}</b></p>", shown]
+    return "\n".join(['<div class="terrain-est" style="overflow-x: auto">', *parts, "</div>"])

@@ -11,17 +11,16 @@ from terrain_cli import estimation
 from terrain_cli.api.logs import windows_of
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.estimation.estimators import Fitted
 from terrain_cli.presentation import segment_table
 from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from terrain_cli.api.logs import Data
+    from terrain_cli.estimation.estimators import Fitted
     from terrain_cli.models import ModelFile
     from terrain_cli.vocabulary.choices import Method
     from terrain_cli.windows.cut_windows import Windows
@@ -72,11 +71,8 @@ def estimate(
     UsageError
         Model, method and robustness contradict each other.
     """
-    several, fits = _fits(
-        cut, method, model, min_samples=min_samples, folds=folds, robust=robust, at_stress=at_stress
-    )
-    tables = [segment_table.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]
-    return pd.DataFrame(segment_table.join(tables))
+    fits = _fits(cut, method, model, min_samples=min_samples, folds=folds, robust=robust, at_stress=at_stress)
+    return pd.DataFrame(segment_table.join([segment_table.table(one, fit.estimates) for one, fit in fits]))
 
 
 def posterior(
@@ -105,13 +101,8 @@ def posterior(
     InputError, ConfigurationError, UsageError
         As for `estimate`.
     """
-    several, fits = _fits(
-        cut, method, model, min_samples=min_samples, folds=folds, robust=robust, joint=sys.maxsize
-    )
-    tables = [
-        segment_table.posterior_table(one, fit.estimates, fit.joint)
-        for one, fit in zip(several, fits, strict=True)
-    ]
+    fits = _fits(cut, method, model, min_samples=min_samples, folds=folds, robust=robust, joint=sys.maxsize)
+    tables = [segment_table.posterior_table(one, fit.estimates, fit.joint) for one, fit in fits]
     return pd.DataFrame(segment_table.join(tables))
 
 
@@ -161,10 +152,9 @@ def summarise(
     InputError, ConfigurationError, UsageError
         As for `estimate`.
     """
-    several, fits = _fits(cut, method, model, min_samples=min_samples, robust=robust)
-    estimates = [fit.estimates for fit in fits]
-    tables = [segment_table.table(one, part) for one, part in zip(several, estimates, strict=True)]
-    return summaries.terrains(segment_table.join(tables), estimation.join(estimates))
+    fits = _fits(cut, method, model, min_samples=min_samples, robust=robust)
+    tables = [segment_table.table(one, fit.estimates) for one, fit in fits]
+    return summaries.terrains(segment_table.join(tables), estimation.join([fit.estimates for _, fit in fits]))
 
 
 def _fits(
@@ -175,14 +165,14 @@ def _fits(
     robust: bool,
     at_stress: float | None = None,
     **options: Any,
-) -> tuple[Sequence[Windows], Sequence[Fitted]]:
+) -> list[tuple[Windows, Fitted]]:
     file = estimators.choose(method, model, robust=robust)
-    several = [_lined(one) for one in windows_of(data, file.model.effects if file else ())]
-    stress, fits = None if at_stress is None else 1e3 * at_stress, list[Fitted]()
-    for one in several:
-        fits.append(estimators.estimate(one, method, file, robust=robust, at_stress=stress, **options))
-        stress = estimators.common_stress(stress, fits[-1])
-    return several, fits
+    stress, fits = None if at_stress is None else 1e3 * at_stress, []
+    for one in [_lined(one) for one in windows_of(data, file.model.effects if file else ())]:
+        fit = estimators.estimate(one, method, file, robust=robust, at_stress=stress, **options)
+        fits.append((one, fit))
+        stress = estimators.common_stress(stress, fit)
+    return fits
 
 
 def _lined(windows: Windows) -> Windows:

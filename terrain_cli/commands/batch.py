@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -39,6 +39,7 @@ class Rate:
         self._started = time.monotonic()
         self._next = self._started + PATIENCE
         self._line = StatusLine()
+        self.close = self._line.wipe
         self.tally: Tally | None = None
 
     @property
@@ -55,9 +56,6 @@ class Rate:
             self._line.draw(line(tally, self.seconds))
         else:
             click.echo(line(tally, self.seconds), err=True)
-
-    def close(self) -> None:
-        self._line.wipe()
 
 
 def line(tally: Tally, seconds: float) -> str:
@@ -190,7 +188,7 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
     from terrain_cli.batch import batch_run
 
-    before = signal.signal(signal.SIGTERM, _stop)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     progress = Rate(enabled=not given["quiet"])
     try:
         tally = batch_run.run(given["inputs"], found, given["output"], order, progress.show)
@@ -226,10 +224,6 @@ def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
             err=True,
         )
     return UnfinishedError.exit_code
-
-
-def _stop(*_: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def _told(tally: Tally, seconds: float) -> str:

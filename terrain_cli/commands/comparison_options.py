@@ -16,11 +16,12 @@ from terrain_cli.vocabulary.quantities import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from formats import Source
     from terrain_cli.diagnosis.diagnosis_outcome import Asked
     from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.presentation.terminal import Progress
-    from terrain_cli.rover import Rover
+    from terrain_cli.telemetry import Samples
     from terrain_cli.views.plots import Drawn
     from terrain_cli.windows.cut_windows import Windows
 
@@ -91,54 +92,48 @@ def read(
     nothing is written, as something fails, it is told all the same: it may be why.
     """
     import formats
-    from terrain_cli import processes
+    from terrain_cli import processes, telemetry
     from terrain_cli.comparison import kept_aside
     from terrain_cli.telemetry.long_logs import MOST_ROWS
+    from terrain_cli.windows import cut_windows
 
     paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
-    most = MOST_ROWS // len(paths)
     rover = options.load_rover(context.params["rover"], paths)
     own = {option.lstrip("-") for parameter in context.command.params for option in parameter.opts}
     # What is compared is cut as `estimate` cuts it.
     options.with_defaults(
         context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
     )
-    context.with_resource(processes.jobs(context.params["jobs"]))
+    given = context.params
+    context.with_resource(processes.jobs(given["jobs"]))
     effects = {effect.id: effect for file in model for effect in file.model.effects}
+    asked: dict[str, Any] = {"wheels": given["wheels"], "effects": list(effects.values()), "compared": True}
+    lengths = {name: given[name] for name in ("min_samples", "window_samples", "window_distance")}
     cut: list[Windows] = []
     for path in paths:
         progress.say(path, "reading")
-        cut += _cut(path, rover, list(effects.values()), most, context.params, progress, noted=noted)
+        where = telemetry.Condition(given["where"]) if given["where"] else None
+        source = formats.open_source(path, salvage=given.get("salvage", False))
+        wheels = telemetry.read_source(source, rover, where=where, most=MOST_ROWS // len(paths), **asked)
+        _tell(path, source, wheels, progress, noted=noted, verbose=given["verbose"])
+        usable = (samples for samples in wheels if len(samples.usable))
+        cut += [cut_windows.cut(samples, given["segments"], **lengths) for samples in usable]
         progress.advance()
     if not cut:
         raise InputError(
             f"{', '.join(paths)}: no sample can be used",
             hint="terrain-est inspect shows what each channel is read from",
         )
-    share = context.params.get("keep_aside")
+    share = given.get("keep_aside")
     return cut if share is None else kept_aside.marked(cut, share)
 
 
-def _cut(
-    path: str,
-    rover: Rover,
-    effects: Sequence[Any],
-    most: int,
-    given: Mapping[str, Any],
-    progress: Progress,
-    *,
-    noted: bool,
-) -> list[Windows]:
-    import formats
-    from terrain_cli import telemetry
+def _tell(
+    path: str, source: Source, wheels: Sequence[Samples], progress: Progress, *, noted: bool, verbose: bool
+) -> None:
+    """Tell what was salvaged of an input, what is remarked of it, and what was set aside."""
     from terrain_cli.telemetry.wheel_samples import Notice
-    from terrain_cli.windows import cut_windows
 
-    where = telemetry.Condition(given["where"]) if given["where"] else None
-    source = formats.open_source(path, salvage=given.get("salvage", False))
-    wheels = telemetry.read_source(
-        source, rover, wheels=given["wheels"], where=where, effects=effects, compared=True, most=most
-    )
     for sentence in source.recovery.sentences() if source.recovery else ():
         progress.tell(f"{path}: {sentence}")
     notices = (r for samples in wheels for r in samples.remarks if isinstance(r, Notice))
@@ -147,13 +142,9 @@ def _cut(
     for samples in wheels:
         used = f"{len(samples.usable)} of {len(samples)} samples used"
         told = [f"set aside: {count} · {reason}" for reason, count in samples.reasons().items()]
-        told += [f"{name}: {how}" for name, how in samples.origins.items()] if given["verbose"] else []
+        told += [f"{name}: {how}" for name, how in samples.origins.items()] if verbose else []
         if told:
             progress.tell("\n  ".join([f"{samples.source}  {samples.wheel}: {used}", *told]))
-    lengths = {name: given[name] for name in ("min_samples", "window_samples", "window_distance")}
-    return [
-        cut_windows.cut(samples, given["segments"], **lengths) for samples in wheels if len(samples.usable)
-    ]
 
 
 def repeated(context: click.Context, model: str) -> Asked:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import click
-from click.shell_completion import get_completion_class
+from click.shell_completion import BashComplete, FishComplete, ZshComplete
 
 from terrain_cli.commands import paths
+
+_SHELLS = {"bash": BashComplete, "zsh": ZshComplete, "fish": FishComplete}
 
 
 @click.command(
@@ -18,15 +20,9 @@ Examples:
   fish:  terrain-est completion fish > ~/.config/fish/completions/terrain-est.fish
 """,
 )
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@click.argument("shell", type=click.Choice(list(_SHELLS)))
 @click.pass_context
 def command(context: click.Context, /, shell: str) -> None:
     """Print the script that lets SHELL complete verbs, options, files and choices."""
-    click.echo(script(context.find_root().command, shell), nl=False)
-
-
-def script(program: click.Command, shell: str) -> str:
-    kind = get_completion_class(shell)
-    if kind is None:
-        raise click.UsageError(f"no completion for {shell}")
-    return kind(program, {}, "terrain-est", "_TERRAIN_EST_COMPLETE").source() + "\n"
+    program = context.find_root().command
+    click.echo(_SHELLS[shell](program, {}, "terrain-est", "_TERRAIN_EST_COMPLETE").source())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -151,13 +150,11 @@ def _listed(effects: Sequence[Effect], assumptions: Sequence[Assumption]) -> dic
 
 
 def _effect(name: str) -> Effect:
-    from terrain_cli import effects
+    from terrain_cli import effects, models
+    from terrain_cli.effects.laws import effect_file
 
-    if name.endswith(".toml") or os.sep in name or (name not in effects.NAMES and Path(name).is_file()):
-        from terrain_cli.effects.laws import effect_file
-
-        return effect_file.load(name)
-    return effects.find(name)
+    is_file = models.is_path(name) or (name not in effects.NAMES and Path(name).is_file())
+    return effect_file.load(name) if is_file else effects.find(name)
 
 
 for verb in (list_effects, show, check):

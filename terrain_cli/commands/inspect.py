@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -61,10 +60,7 @@ def command(**given: Any) -> int:
     ]
     problems += [{"source": one["source"], **one["problem"]} for one in documents if one["problem"]]
     if given["as_json"]:
-        content: dict[str, Any] = {"format": inspection.FORMAT, "inputs": documents}
-        if problems:
-            content["failed"] = problems
-        click.echo(json.dumps(content, ensure_ascii=False, indent=2))
+        say({"format": inspection.FORMAT, "inputs": documents} | ({"failed": problems} if problems else {}))
     elif documents:
         # The lines for rover.toml are lines of a file.
         shown = [in_lines(one) | {"rover_toml": one["rover_toml"]} for one in documents]

@@ -216,13 +216,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     short_help="Remove an effect, and see what it was worth.",
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
-@click.argument(
-    "effects",
-    nargs=-1,
-    required=True,
-    type=paths.EFFECT,
-    metavar="EFFECT…",
-)
+@click.argument("effects", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
 @model_changes.with_options
 @click.pass_context
 def remove(context: click.Context, /, **_: Any) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from terrain_cli.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Mapping, Sequence
+    from collections.abc import Hashable, Mapping, Sequence
 
 _OF_SEGMENT = ("source", "wheel", "segment")
 _SEGMENTS, _SAMPLES = (*_OF_SEGMENT, "terrain", "t_start_s"), (*_OF_SEGMENT, "sample", "time_s")
@@ -101,36 +101,14 @@ TRACE = Sign(((*_OF_SEGMENT, "time_s", "c_kPa"),))
 POSTERIOR = Sign((("kind", *_OF_SEGMENT, "method"),))
 SUMMARY = Sign(mark=b'"format": "terrain-est/summary/')
 PAGE = Sign(mark=b'name="generator" content="terrain-est ')
-_PICTURE = Sign(mark=b"Matplotlib")
-_MANIFEST = Sign(mark=b'{"path": "')
-_PICTURES = re.compile(
+PICTURE = Sign(mark=b"Matplotlib")
+MANIFEST = Sign(mark=b'{"path": "')
+PICTURES = re.compile(
     r"(predicted-measured|residual-.+|strength|track(-.+)?|rim-stress|ladder|candidates|valley.*|convergence.*)\.(png|svg)"
 )
 
 
-def pictures_of_others(folder: str) -> Iterator[str]:
-    """Yield the pictures in a folder that have a name which is written, and were not drawn by Matplotlib."""
-    for path in _files(folder):
-        if _PICTURES.fullmatch(path.name) and not _PICTURE.on(str(path)):
-            yield str(path)
-
-
-def files_of_others(folder: str) -> Iterator[str]:
-    """Yield the files in a folder that have the name of a result of a batch, but are none."""
-    from terrain_cli.batch.batch_folder import MANIFEST, is_batch
-    from terrain_cli.batch.batch_run import SUMMARY as BRIEF
-    from terrain_cli.batch.batch_run import TABLE
-
-    if is_batch(folder):
-        return
-    signs = {BRIEF: SUMMARY, MANIFEST: _MANIFEST}
-    for path in _files(folder):
-        sign = SEGMENTS if path.stem == TABLE else signs.get(path.name)
-        if sign and not sign.on(str(path)):
-            yield str(path)
-
-
-def _files(folder: str) -> list[Path]:
+def files(folder: str) -> list[Path]:
     """Return the files in a folder; none where it is none, which whoever writes there will tell."""
     try:
         return sorted(path for path in Path(folder).iterdir() if path.is_file())

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from importlib import import_module
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -58,17 +59,6 @@ class Named(click.Path):
         ]
 
 
-class Reads(Named):
-    """A file that is read."""
-
-
-class _Effect(Reads):
-    """An effect: an id, or a file; `simulate` lets its values follow."""
-
-    # In the environment a space stands between two: there may be a colon in one.
-    envvar_list_splitter = None  # type: ignore[assignment]
-
-
 def _logs(what: str) -> Callable[[str], Iterable[Read]]:
     """Return what reads logs, or a table that is read as one: files, folders and patterns."""
 
@@ -80,10 +70,9 @@ def _logs(what: str) -> Callable[[str], Iterable[Read]]:
     return reads
 
 
-def _effect_names() -> Iterable[str]:
-    from terrain_cli.effects import NAMES
-
-    return NAMES
+def names_in(module: str, table: str) -> Callable[..., Iterable[str]]:
+    """Return what finds the names in a table of a module, which is imported only then."""
+    return lambda *_: getattr(import_module(f"terrain_cli.{module}"), table)
 
 
 def _effect(name: str) -> Iterator[Read]:
@@ -136,6 +125,10 @@ class Writes(Named):
         """Yield the files that are there no more, or are others, once it is written."""
         yield name
 
+    def sign_of(self, path: Path) -> Sign | None:  # noqa: ARG002 - in a folder it depends on the name
+        """Return what shows that a file was written by this program, if it has the name of a result."""
+        return self.sign
+
     def of_others(self, name: str) -> Iterator[str]:
         """Yield the files that would be replaced, and that this program did not write before."""
         file = str(resolved(name))
@@ -149,6 +142,12 @@ class Writes(Named):
 
 class _Folder(Writes):
     """A folder in which files are written under names that nobody gives."""
+
+    def of_others(self, name: str) -> Iterator[str]:
+        for path in named_files.files(name):
+            sign = self.sign_of(path)
+            if sign and not sign.on(str(path)):
+                yield str(path)
 
 
 class _Pictures(_Folder):
@@ -174,8 +173,8 @@ class _Pictures(_Folder):
         path = resolved(file)
         return path.suffix in self._ENDINGS and identity(str(path.parent)) == identity(name)
 
-    def of_others(self, name: str) -> Iterator[str]:
-        return named_files.pictures_of_others(name)
+    def sign_of(self, path: Path) -> Sign | None:
+        return named_files.PICTURE if named_files.PICTURES.fullmatch(path.name) else None
 
 
 class _Batch(_Folder):
@@ -192,8 +191,13 @@ class _Batch(_Folder):
 
         return belongs(resolved(name), file)
 
-    def of_others(self, name: str) -> Iterator[str]:
-        return named_files.files_of_others(name)
+    def sign_of(self, path: Path) -> Sign | None:
+        from terrain_cli.batch.batch_folder import MANIFEST, is_batch
+        from terrain_cli.batch.batch_run import SUMMARY, TABLE
+
+        signs = {SUMMARY: named_files.SUMMARY, MANIFEST: named_files.MANIFEST}
+        sign = named_files.SEGMENTS if path.stem == TABLE else signs.get(path.name)
+        return None if is_batch(str(path.parent)) else sign
 
 
 class _Write(NamedTuple):
@@ -232,13 +236,16 @@ class _Write(NamedTuple):
         return set() if self.stream else self.identities
 
 
-INPUT = Reads(_logs(_INPUT))
-ROVER = Reads(lambda name: (Read("the rover file", name),))
-PLACES = Reads(_logs("the localisation table"))
-MODEL = Reads(_model, lambda: BASES)
-EFFECT = _Effect(_effect, _effect_names)
-EFFECT_FILE = Reads(lambda name: (Read(_EFFECT_FILE, name),))
-DRIVE = Reads(_drive)
+INPUT = Named(_logs(_INPUT))
+ROVER = Named(lambda name: (Read("the rover file", name),))
+PLACES = Named(_logs("the localisation table"))
+MODEL = Named(_model, lambda: BASES)
+# An id, or a file; `simulate` lets values follow.
+EFFECT = Named(_effect, names_in("effects", "NAMES"))
+# In the environment a space stands between two: there may be a colon in one.
+EFFECT.envvar_list_splitter = None  # type: ignore[misc,assignment]
+EFFECT_FILE = Named(lambda name: (Read(_EFFECT_FILE, name),))
+DRIVE = Named(_drive)
 OUTPUT = Writes()
 RESULT = Writes(result=True)
 SEGMENTS = Writes(named_files.SEGMENTS, result=True, layer=True)

@@ -12,23 +12,11 @@ from terrain_cli.commands import options, paths
 from terrain_cli.errors import ConfigurationError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
 
 _EFFECT = re.compile(r"(?P<name>.+?)(?::(?P<values>[^:/\\]*=[^:/\\]*))?")
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
-
-
-def _soils(_: click.Context) -> Iterable[str]:
-    from terrain_cli.simulation.scenario import SOILS
-
-    return SOILS
-
-
-def _drives(_: click.Context) -> Iterable[str]:
-    from terrain_cli.simulation.drive_file import PRESETS
-
-    return PRESETS
 
 
 @options.verb(
@@ -54,7 +42,7 @@ def _drives(_: click.Context) -> Iterable[str]:
     "--drive",
     multiple=True,
     metavar="NAME",
-    shell_complete=options.suggested(_drives),
+    shell_complete=options.suggested(paths.names_in("simulation.drive_file", "PRESETS")),
     help="How to drive (repeatable, one after another): slip-sweep, load-steps, slope, mixed, passes, "
     "reverse, speed-steps, turns, multi.  [mixed]",
 )
@@ -62,7 +50,7 @@ def _drives(_: click.Context) -> Iterable[str]:
     "--soil",
     multiple=True,
     metavar="NAME",
-    shell_complete=options.suggested(_soils),
+    shell_complete=options.suggested(paths.names_in("simulation.scenario", "SOILS")),
     help="Soil (repeatable, one after another over equal distances): dry-sand, sandy-loam, clayey-soil, "
     "snow … or [soils.NAME] of the file.  [dry-sand]",
 )

@@ -21,8 +21,6 @@ from terrain_cli.comparison.comparison_outcome import (
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import QUIETED
-from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
-from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.quantities import counted, the_wheel
 from terrain_cli.windows.cut_windows import thinned
 
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from terrain_cli.comparison.comparison_outcome import Finding
-    from terrain_cli.estimation.wheel_fit import Noise, Prior
+    from terrain_cli.estimation.estimators import FitSettings
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
@@ -38,38 +36,6 @@ if TYPE_CHECKING:
 
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000
-
-
-def compare(
-    wheels: Sequence[Windows],
-    model: Model,
-    *,
-    fixed: Mapping[str, float] | None = None,
-    priors: Mapping[str, Prior] | None = None,
-    shared: Collection[str] = (),
-    noise: Noise | None = None,
-    like: Comparison | None = None,
-    soils: EstimateRequest | None = None,
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
-) -> Comparison:
-    """Compare what a model predicts with what was measured, and find where it fails.
-
-    Each wheel is fitted on its own; segments whose soils predict no better than a single one are taken as
-    one. Blocks are the runs where there are enough of them, else stretches so long that the noise forgets,
-    and that the scores of neighbouring ones are unrelated. They are those of `like`, another model with the
-    same windows, so that `two_models` compares like with like. Settings are as in `FitSettings`; `soils` is
-    what `estimate` is asked for c and φ of the segments, of this model with its defaults if not given. Raises
-    InputError where nothing that the model predicts was measured.
-    """
-    fitted, told = on_few_soils(
-        wheels, model, FitSettings(fixed or {}, priors or {}, shared, noise), progress=progress
-    )
-    found = of_fitted(fitted, like=like, seed=seed, warnings=told, progress=progress)
-    if soils is None:
-        known = ModelFile(model=model, fixed=fixed or {}, priors=priors or {}, shared=tuple(shared))
-        soils = EstimateRequest(wheels=wheels, file=known)
-    return replace(found, soils=soils)
 
 
 def on_few_soils(
@@ -80,7 +46,7 @@ def on_few_soils(
     further: Collection[str] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[FittedWheel], list[str]]:
-    """Fit a model to wheels as `fit_wheels` does, on as few soils as predict as well."""
+    """Fit a model to each wheel on its own as `fit_wheels` does, on as few soils as predict as well."""
     fitted, warnings = fit_wheels(wheels, model, settings, further=further, progress=progress)
     fitted, joined = held_out.as_few_as_predict(fitted, progress)
     return fitted, [*warnings, *joined]
@@ -124,8 +90,10 @@ def of_fitted(
 ) -> Comparison:
     """Compare wheels to which a model was fitted with what they measured; all have the same model.
 
-    Without `findings` it is not looked for where the model fails. `warnings` come before its own; the rest is
-    as for `compare`.
+    Blocks are the runs where there are enough of them, else stretches so long that the noise forgets, and
+    that the scores of neighbouring ones are unrelated. They are those of `like`, another model with the same
+    windows, so that `two_models` compares like with like. Without `findings` it is not looked for where the
+    model fails. `warnings` come before its own.
     """
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
@@ -333,7 +301,8 @@ def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float) -> C
     n = int(known.sum())
     rmse = float(np.sqrt(np.mean(error[known] ** 2))) if n else np.nan
     size = float(np.sqrt(np.mean(measured[known] ** 2))) if n else np.nan
-    left_out = _heldout(parts)
+    sums = blocks.squares(parts)
+    held_out_error = blocks.root_intervals(sums)[0] if len(sums) else blocks.Interval(np.nan, np.nan, np.nan)
     return ChannelErrors(
         name=name,
         unit=UNITS[name],
@@ -342,15 +311,7 @@ def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float) -> C
         bias=float(np.mean(error[known])) if n else np.nan,
         nrmse=rmse / size if size > 0.0 else np.nan,
         noise=level,
-        heldout_rmse=left_out.value,
-        heldout_low=left_out.low,
-        heldout_high=left_out.high,
+        heldout_rmse=held_out_error.value,
+        heldout_low=held_out_error.low,
+        heldout_high=held_out_error.high,
     )
-
-
-def _heldout(parts: Sequence[tuple[Series, Index]]) -> blocks.Interval:
-    sums = blocks.squares(parts)
-    if len(sums) == 0:
-        return blocks.Interval(np.nan, np.nan, np.nan)
-    (interval,) = blocks.root_intervals(sums)
-    return interval

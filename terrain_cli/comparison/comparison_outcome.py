@@ -56,7 +56,6 @@ class Series:
     measured: Array  # shape (n,), as the others
     predicted: Array
     heldout: Array  # Predicted by a fit without the sample's block
-    se: Array | None = None  # Standard error of the prediction, where known
 
 
 @dataclass(frozen=True)

@@ -90,10 +90,7 @@ def functions_of(name: str, values: Mapping[str, Array]) -> tuple[str, ...]:
 
     The values of each are of shape (n,); labels have no place among them.
     """
-    own = values.get(name)
-    if own is None:
-        return ()
-    found = []
+    own, found = values[name], []
     for other, column in values.items():
         known = np.isfinite(own) & np.isfinite(column)
         if other == name or known.sum() < criteria.NOISE_SAMPLES:

@@ -15,8 +15,9 @@ from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
+from terrain_cli.comparison.shapes import Shape
 from terrain_cli.comparison.smoothed_channels import is_quiet
-from terrain_cli.vocabulary.quantities import listed
+from terrain_cli.vocabulary.quantities import listed, quantity
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_noise import NoiseLevel
     from terrain_cli.comparison.residual_search import Found
-    from terrain_cli.comparison.shapes import Shape
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
@@ -33,15 +33,6 @@ if TYPE_CHECKING:
 MOST_SAMPLES = 60_000
 #: Segments named in a finding.
 _WORST = 3
-#: SI unit → the one a person reads, and the factor to it.
-_SHOWN = {"rad": ("°", math.degrees(1.0)), "rad/s": ("°/s", math.degrees(1.0)), "1": ("", 1.0)}
-#: Drivers with one of their own.
-_OWN = {"sinkage": ("mm", 1e3), "angular_velocity": ("rad/s", 1.0)}
-_CHANNELS = {
-    "torque": ("torque", "N m", 1.0),
-    "drawbar_pull": ("drawbar pull", "N", 1.0),
-    "sinkage": ("sinkage", "mm", 1e3),
-}
 _NAMES = {
     "velocity": "speed",
     "angular_velocity": "wheel speed",
@@ -132,7 +123,7 @@ class Residuals:
         return np.where(there, common[np.where(there, codes, 0.0).astype(int)], np.nan)
 
     def _shapes(self) -> list[Shape]:
-        found = [shapes.constant()]
+        found = [Shape(name="constant")]
         if self.found is None and self._one_clock():
             segments = np.concatenate(
                 [w.segment[rows] for w, rows in zip(self.wheels, self.rows, strict=True)]
@@ -334,9 +325,9 @@ def sentence_of(
     `label` is the meaning of a label's code, `unit` the SI unit of the driver. `alternatives` are drivers
     that vary so much alike that it may be theirs.
     """
-    name, shown, factor = _CHANNELS[channel]
-    hidden = seen < criteria.HIDDEN
-    size = f"{_number(abs(amplitude) * factor)} {shown}"
+    what = quantity(channel, UNITS[channel])
+    name, hidden = what.words, seen < criteria.HIDDEN
+    size = f"{_number(abs(amplitude) * what.factor)} {what.unit}"
     verb, more = ("under-predicted", "larger") if amplitude > 0.0 else ("over-predicted", "smaller")
     text = f"a {name} {size} {more} than predicted" if hidden else f"{name} is {verb} by {size}"
     driver = named(shape.driver)
@@ -377,8 +368,8 @@ def _where(shape: Shape, driver: str, label: str, numbers: tuple[str, str, str, 
 
 def missed(channel: str, error: float) -> str:
     """Say by how much a channel is missed: `error` is held out, root mean square, in SI."""
-    name, shown, factor = _CHANNELS[channel]
-    return f"the held-out error of {name} is {_number(error * factor)} {shown}"
+    what = quantity(channel, UNITS[channel])
+    return f"the held-out error of {what.words} is {_number(error * what.factor)} {what.unit}"
 
 
 def named(driver: str) -> str:
@@ -387,7 +378,9 @@ def named(driver: str) -> str:
 
 
 def _at(value: float, driver: str, unit: str) -> str:
-    shown, factor = _OWN.get(driver) or _SHOWN.get(unit, (unit, 1.0))
+    what = quantity(driver, unit)
+    # The speed of a wheel is not told in degrees.
+    shown, factor = (unit, 1.0) if driver == "angular_velocity" else (what.unit, what.factor)
     gap = "" if shown in ("", "°", "°/s") else " "
     return f"{_number(value * factor)}{gap}{shown}"
 

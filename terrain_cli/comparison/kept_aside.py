@@ -63,14 +63,8 @@ def marked(wheels: Sequence[Windows], share: float) -> list[Windows]:
             if leader.time is not None and samples.time is not None and samples is not leader:
                 # What the leader's last sample before them has.
                 aside = aside[at_times(leader.time, samples.time)]
-        found.append(
-            replace(
-                one,
-                samples=replace(
-                    samples, aside=None if count < needed else aside, remarks=[*samples.remarks, said]
-                ),
-            )
-        )
+        kept = None if count < needed else aside
+        found.append(replace(one, samples=replace(samples, aside=kept, remarks=[*samples.remarks, said])))
     return found
 
 

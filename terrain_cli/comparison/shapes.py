@@ -30,7 +30,7 @@ HARMONICS = (1, 2, 3, 4, 6, 8, 9, 10, 12, 15, 16, 18, 20, 24, 30, 36)
 class Shape:
     """One function of one driver, of a size of about 1."""
 
-    driver: str
+    driver: str = ""  # Of an offset none
     # "constant", "linear", "quadratic", "saturating", "step", "stretch", "periodic" or "label"
     name: str
     # Threshold of a step, beginning of a stretch, scale of a saturating curve, period, code of a label
@@ -67,11 +67,6 @@ class Shape:
     def partnered(self) -> Shape:
         """Return the sine that goes with a cosine, or the reverse."""
         return replace(self, partner=1 - self.partner)
-
-
-def constant() -> Shape:
-    """Return the shape of an offset that follows no driver."""
-    return Shape(driver="", name="constant")
 
 
 def of_number(driver: str, values: Array) -> list[Shape]:

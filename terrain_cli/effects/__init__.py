@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import import_module
 from typing import TYPE_CHECKING, NoReturn
 
+from terrain_cli.effects import library
+from terrain_cli.effects.library import NAMES as NAMES
 from terrain_cli.errors import ConfigurationError, UsageError, nearest
 from terrain_cli.mechanics.effect import Effect, Parameter
 
@@ -17,37 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["GROUP", "NAMES", "Effect", "Parameter", "catalogue", "conflict", "find", "missing"]
 
-#: The effects of the program, as they are told to a person, and the module of `library` that has each.
-_MODULES = {
-    "slip-sinkage": "stress_effects",
-    "max-stress-angle": "contact_effects",
-    "rear-contact": "contact_effects",
-    "grousers": "contact_effects",
-    "bulldozing": "force_effects",
-    "side-slip": "stress_effects",
-    "multi-pass": "soil_effects",
-    "sinkage-relaxation": "soil_effects",
-    "drivetrain-friction": "drivetrain_effects",
-    "gear-efficiency": "drivetrain_effects",
-    "motor-temperature": "drivetrain_effects",
-    "rate-dependence": "stress_effects",
-    "slope": "force_effects",
-    "load-transfer": "force_effects",
-    "load-bias": "sensor_effects",
-    "sinkage-bias": "sensor_effects",
-    "drawbar-bias": "sensor_effects",
-    "wheel-radius": "sensor_effects",
-    "sensor-lag": "sensor_effects",
-    "acceleration-torque": "drivetrain_effects",
-    "shear-modulus": "stress_effects",
-    "post-peak-softening": "stress_effects",
-    "strength-curvature": "stress_effects",
-    "hardpan": "soil_effects",
-    "crust": "soil_effects",
-    "flexible-wheel": "contact_effects",
-    "grouser-ripple": "sensor_effects",
-}
-NAMES = tuple(_MODULES)
 #: Entry points of other packages: each loads to an `Effect`, or to a function that returns one.
 GROUP = "terrain_est.effects"
 _RATE = "_rate"
@@ -59,7 +29,7 @@ def catalogue() -> dict[str, Effect]:
     """Return every effect by id, those of other packages last; ConfigurationError where one is at fault."""
     from importlib import metadata
 
-    effects = {name: _own(name) for name in NAMES}
+    effects = {name: library.effect(name) for name in NAMES}
     for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name):
         effect = _load(point)
         if effect.id in effects:
@@ -74,7 +44,7 @@ def catalogue() -> dict[str, Effect]:
 def find(name: str) -> Effect:
     """Return an effect by its id; UsageError where there is none, ConfigurationError as from `catalogue`."""
     if name in NAMES:
-        return _own(name)
+        return library.effect(name)
     effects = catalogue()
     if name not in effects:
         raise UsageError(
@@ -111,12 +81,6 @@ def _there(name: str, available: Collection[str]) -> bool:
     if name in _DERIVED:
         return {*available} >= {*_DERIVED[name], "time"}
     return name.endswith(_RATE) and name.removesuffix(_RATE) in available and "time" in available
-
-
-def _own(name: str) -> Effect:
-    module = import_module(f"terrain_cli.effects.library.{_MODULES[name]}")
-    effect: Effect = getattr(module, name.replace("-", "_").upper())
-    return effect
 
 
 def _place(point: EntryPoint) -> str:

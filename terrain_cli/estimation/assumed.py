@@ -9,7 +9,7 @@ the triangles may leave a tenth of c. None averages out over samples, nor over w
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from terrain_cli.estimation.line.pooled import Trace
     from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.choices import LineMethod
-    from terrain_cli.windows.cut_windows import Measured, Windows
+    from terrain_cli.windows.cut_windows import Windows
 
 
 #: Samples of a window that tell how far the estimates would move, and samples at a time.
@@ -121,15 +121,14 @@ def _deviations(found: Array, windows: Windows, method: LineMethod) -> Array:
     measured = windows.measured()
 
     def line(shear_modulus: float, **changed: Array) -> Array:
-        channels = cast("Measured", {**measured, **changed})
         of_wheel = geometry._replace(shear_modulus=shear_modulus).line
-        x, y = linear.line_coordinates(**channels, **of_wheel)
+        x, y = linear.line_coordinates(**{**measured, **changed}, **of_wheel)
         return soils(x, y, windows.bounds, method)
 
     k, factor = geometry.shear_modulus, geometry.shear_modulus_factor
     moved = [0.5 * (line(k * factor) - line(k / factor))]
     for name, kind, size in calibrations(samples, measured):
-        column = cast("dict[str, Array]", measured)[name]
+        column = measured[name]
         step = size if kind == "offset" else size * column
         moved.append(0.5 * (line(k, **{name: column + step}) - line(k, **{name: column - step})))
     scale = np.sqrt(len(_SHAPES))

@@ -173,7 +173,7 @@ def _channels(windows: Windows) -> dict[str, Array]:
     """Return what is measured of the usable samples, and what the effects use."""
     samples, rows = windows.samples, windows.rows
     channels = {name: column[rows] for name, column in samples.drivers.items()}
-    channels |= cast("dict[str, Array]", windows.measured())
+    channels |= windows.measured()
     pull = samples.channels.get("drawbar_pull")
     if pull is not None and np.isfinite(pull[rows]).any():
         channels["drawbar_pull"] = pull[rows]

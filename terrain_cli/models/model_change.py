@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -34,34 +35,9 @@ class Assumption:
     settled_by: str  # The manoeuvre that tells it from its neighbours
 
 
-_PAPER = (
-    "Iagnemma, Kang, Shibly & Dubowsky 2004, IEEE Trans. Robotics 20(5), doi 10.1109/TRO.2004.829462, "
-    "equations (10)–(27)"
-)
-
 ASSUMPTIONS: dict[str, Assumption] = {
-    STRESSES: Assumption(
-        STRESSES,
-        "Stresses under the rim are triangles",
-        "The base linear takes normal and shear stress as growing in a straight line from the entry angle "
-        "to their peak at half of it, and as falling in a straight line from there to the bottom. Real "
-        "stresses bend: they follow the pressure–sinkage law, and the shear displacement under each point. "
-        "Torque and drawbar pull are then wrong by an amount that follows slip and entry angle, and c and φ "
-        "take the blame. Lifted, the base is wong-reece, which has no such triangles; it estimates k (unless "
-        "[fixed] holds it), stiffness and sinkage exponent of the soil too, and predicts the sinkage.",
-        _PAPER,
-        "a slip sweep at several loads",
-    ),
-    MODULUS: Assumption(
-        MODULUS,
-        "The shear modulus k is the one assumed",
-        "k, the displacement over which shear stress builds up, is held at the value of rover.toml or of "
-        "[fixed]. A wrong one bends torque and drawbar pull over slip, most of all below 0.2, and moves "
-        "c and φ. Lifted, it is estimated, expected within a factor of two of the value assumed.",
-        "Janosi & Hanamoto 1961, Proc. 1st Int. Conf. Mechanics of Soil–Vehicle Systems, Torino, 707–736; "
-        "the assumption is that of Iagnemma et al. 2004",
-        "a slip sweep through 0 to 0.2, where shear stress still builds up",
-    ),
+    name: Assumption(id=name, **{key: " ".join(text.split()) for key, text in entry.items()})
+    for name, entry in tomllib.loads(Path(__file__).with_name("assumptions.toml").read_text("utf-8")).items()
 }
 
 

@@ -31,7 +31,6 @@ STYLES = {
     "segments": ("strength_at_stress_kPa", "strength_kPa", "c_kPa", "phi_deg"),
     "samples": ("slip", "sinkage_m", "load_N", "torque_Nm"),
 }
-_MCAP = ".mcap"
 
 
 def topics(table: Table, crs: str | None = None, before: Iterable[str] = ()) -> list[Topic]:
@@ -172,4 +171,4 @@ def remark(output: str | None, crs: str | None) -> str:
 
 def result_kind(path: str) -> str:
     """Tell from its name how results are written."""
-    return "mcap" if Path(path).suffix.lower() == _MCAP else formats.output_kind(path)
+    return "mcap" if Path(path).suffix.lower() == ".mcap" else formats.output_kind(path)

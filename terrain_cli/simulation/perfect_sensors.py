@@ -177,7 +177,10 @@ class Physics:
         prediction: Prediction = predict(pressing, wheel, known, values, given="load")
         lost = np.flatnonzero(np.isnan(prediction.sinkage))
         if len(lost):
-            self._refuse(known, int(lost[0]))
+            soil = self.scenario.soils[int(known["soil"][lost[0]])]
+            felt = f"{known['load'][lost[0]]:.3g} N at slip {known['slip'][lost[0]]:.2f}"
+            hint = "give a smaller --load, a wider wheel, less slip or another soil"
+            raise InputError(f"{soil.name} does not carry {felt}: the wheel sinks to its axle", hint=hint)
         sinkage = true = np.asarray(prediction.sinkage)
         if model.changes("sinkage"):
             unseen = _without("wong-reece", model.effects, "sinkage")
@@ -186,12 +189,6 @@ class Physics:
             prediction = predict(model, wheel, {**known, "sinkage": sinkage}, values)
         torque, pull = np.asarray(prediction.torque), np.asarray(prediction.drawbar_pull)
         return {"torque": torque, "drawbar_pull": pull, "sinkage": sinkage, "true_sinkage": true}
-
-    def _refuse(self, known: dict[str, Array], sample: int) -> None:
-        soil = self.scenario.soils[int(known["soil"][sample])]
-        felt = f"{known['load'][sample]:.3g} N at slip {known['slip'][sample]:.2f}"
-        hint = "give a smaller --load, a wider wheel, less slip or another soil"
-        raise InputError(f"{soil.name} does not carry {felt}: the wheel sinks to its axle", hint=hint)
 
     def _solve(
         self, quantity: str, felt: Array, known: Mapping[str, Any], values: Mapping[str, Array]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,15 +33,6 @@ FOLLOWED = ("slip", "load", "angular_velocity", "motor_temperature", "pitch", "r
 MOST = 2_000_000
 
 
-class Measured(TypedDict):
-    """What the estimators take, of the usable samples: shape (n,), SI units."""
-
-    load: Array
-    torque: Array
-    sinkage: Array
-    slip: Array
-
-
 @dataclass(frozen=True)
 class Windows:
     """The windows of one wheel."""
@@ -62,15 +53,14 @@ class Windows:
         """Whether torque and sinkage are there, without which no sample has a line."""
         return _lined(self.samples)
 
-    def measured(self) -> Measured:
+    def measured(self) -> dict[str, Any]:
         """Return load, torque, sinkage and slip of the usable samples, in SI units."""
         return _measured(self.samples, self.rows)
 
     @property
     def line_columns(self) -> list[Array]:
         """x, y, load, torque, sinkage and slip of the usable samples, as estimators of the line take them."""
-        channels = self.measured()
-        return [self.x, self.y, channels["load"], channels["torque"], channels["sinkage"], channels["slip"]]
+        return [self.x, self.y, *self.measured().values()]
 
     @property
     def driving(self) -> Mask:
@@ -124,10 +114,9 @@ def _lined(samples: Samples) -> bool:
     return {"torque", "sinkage"} <= samples.channels.keys()
 
 
-def _measured(samples: Samples, rows: Index) -> Measured:
+def _measured(samples: Samples, rows: Index) -> dict[str, Any]:
     index = which(rows, len(samples))
-    load, torque, sinkage, slip = (samples.channels[name][index] for name in NEEDED)
-    return Measured(load=load, torque=torque, sinkage=sinkage, slip=slip)
+    return {name: samples.channels[name][index] for name in NEEDED}
 
 
 def line(samples: Samples, rows: Index) -> tuple[Array, Array]:

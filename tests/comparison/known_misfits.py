@@ -27,6 +27,9 @@ from simulator import (
 )
 
 from formats import Labels
+from terrain_cli.comparison.compare import of_fitted, on_few_soils
+from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
+from terrain_cli.models import ModelFile
 from terrain_cli.telemetry.wheel_samples import Geometry, Samples
 from terrain_cli.windows.cut_windows import cut
 
@@ -47,6 +50,14 @@ MEASURED = (
 )
 #: Patches of a soil that varies, and s that each lasts.
 PATCHES, PATCH = 16, 8.0
+
+
+def compare(wheels, model, *, fixed=None, progress=lambda _: None, **options):
+    """Compare a model with wheels, of which nothing is known beforehand but the parameters held."""
+    held = fixed or {}
+    fitted, told = on_few_soils(wheels, model, FitSettings(held, {}, (), None), progress=progress)
+    found = of_fitted(fitted, warnings=told, progress=progress, **options)
+    return replace(found, soils=EstimateRequest(wheels=wheels, file=ModelFile(model=model, fixed=held)))
 
 
 @dataclass(frozen=True)

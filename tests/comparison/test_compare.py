@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from known_misfits import MISFITS, Kind, samples_of, windows_of
+from known_misfits import MISFITS, Kind, compare, samples_of, windows_of
 
 from formats import Labels
-from terrain_cli.comparison import against, compare, comparison_criteria
+from terrain_cli.comparison import against, comparison_criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.cut_windows import Windows, cut

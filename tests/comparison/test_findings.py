@@ -17,7 +17,13 @@ STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
     [
         ("torque", STEP, 0.9, "1", "torque is under-predicted by 0.9 N m above slip 0.4"),
         ("torque", STRETCH, 1.6, "s", "torque is under-predicted by 1.6 N m from 40 s to 60 s"),
-        ("sinkage", shapes.constant(), -0.0021, "", "sinkage is over-predicted by 2.1 mm throughout"),
+        (
+            "sinkage",
+            shapes.Shape(name="constant"),
+            -0.0021,
+            "",
+            "sinkage is over-predicted by 2.1 mm throughout",
+        ),
         (
             "drawbar_pull",
             Shape(driver="load", name="linear", at=None, low=60.0, high=100.0, span=1.0),
@@ -67,7 +73,7 @@ TURN = Shape(driver="wheel_angle", name="periodic", at=math.pi, low=0.0, high=6.
 @pytest.mark.parametrize(
     ("shape", "amplitude", "begins"),
     [
-        (shapes.constant(), 0.9, "a torque 0.9 N m larger than predicted throughout"),
+        (shapes.Shape(name="constant"), 0.9, "a torque 0.9 N m larger than predicted throughout"),
         (STEP, -0.9, "a torque 0.9 N m smaller than predicted above slip 0.4"),
         (LINE, 0.9, "a torque 0.9 N m larger than predicted at slip 0.6, against 0.1"),
         (TURN, 0.9, "a torque that swings by ± 0.9 N m about its prediction, 2 times in a turn of the wheel"),

@@ -7,7 +7,7 @@ import pytest
 from known_effects import KNOWN_EFFECTS, MOVED, SAME, UP
 
 from terrain_cli import effects
-from terrain_cli.effects.library.force_effects import bearing_factors
+from terrain_cli.effects.library.law_functions import bearing_factors
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.mechanics.wheel_model import Model, predict

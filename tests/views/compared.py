@@ -88,7 +88,6 @@ def wheel_of(log, source, extra):
             measured=samples.channels[name][rows],
             predicted=log.truth[name][rows],
             heldout=log.truth[name][rows],
-            se=None,
         )
         for name in UNITS
     }

@@ -174,12 +174,10 @@ def refused_parameter(name: str) -> str:
     """Say whose name a parameter would take; nothing if it is free."""
     if name in RESERVED:
         return "a word of the language of laws"
-    if name in CHANNELS or name in ON_DEMAND:
+    if name in ON_DEMAND or {name, name.removesuffix(_RATE), name.removeprefix(_MEASURED)} & CHANNELS.keys():
         return "a channel"
     if name in _of_the_model() or name in OF_THE_WHEEL:
         return "a quantity of the model"
-    if name.removesuffix(_RATE) in CHANNELS or name.removeprefix(_MEASURED) in CHANNELS:
-        return "a channel"
     return ""
 
 

@@ -39,6 +39,19 @@ class Picture(Figure):
         return content.getvalue()
 
 
+def panels(
+    count: int, most: int, width: tuple[float, float], height: tuple[float, float], **shared: Any
+) -> tuple[Picture, NDArray[Any]]:
+    """Return a figure with so many axes, `most` in a row: inches of each, and of what is around them."""
+    columns = min(most, max(count, 1))
+    rows = max(-(-count // columns), 1)
+    figure = Picture(figsize=(width[0] * columns + width[1], height[0] * rows + height[1]))
+    grid = figure.subplots(rows, columns, squeeze=False, **shared)
+    for axes in grid.flat[count:]:
+        axes.remove()
+    return figure, grid
+
+
 #: What each panel shows: columns of the trace, the label of the axis, and the most it may span.
 _QUANTITIES = (
     (("c_kPa", "c_se_kPa"), "cohesion c (kPa)", (-np.inf, np.inf)),
@@ -49,11 +62,7 @@ _QUANTITIES = (
 def measured(log: SimulatedLog) -> Figure:
     """Draw each channel of a simulated log against time, wheel by wheel, and where the soil changes."""
     names = channels(log.scenario)
-    rows = -(-len(names) // 2)
-    figure = Picture(figsize=(8.6, 0.8 + 1.35 * rows))
-    grid = figure.subplots(rows, 2, squeeze=False, sharex=True)
-    for axes in grid.flat[len(names) :]:
-        axes.remove()
+    figure, grid = panels(len(names), 2, (4.3, 0.0), (1.35, 0.8), sharex=True)
     for axes, name in zip(grid.flat, names, strict=False):
         unit = CHANNELS[name].unit
         what = quantities.quantity(name, unit.symbol if unit else "")

@@ -14,7 +14,7 @@ from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement.model_history import channels
 from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN, measured, top
-from terrain_cli.views.figures.drive_figures import Picture
+from terrain_cli.views.figures.drive_figures import Picture, panels
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:
@@ -91,12 +91,7 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     errors, what = comparison.channels[channel], shown_samples.channels(comparison)[channel]
     pooled = shown_samples.pairs(comparison, channel)
     shown = shown_samples.drivers(comparison, channel, pooled, MOST_DRIVERS)
-    columns = min(3, max(len(shown), 1))
-    rows = math.ceil(len(shown) / columns) or 1
-    figure = Picture(figsize=(3.2 * columns + 0.3, 2.4 * rows + 0.7))
-    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    for axes in grid.flat[len(shown) :]:
-        axes.remove()
+    figure, grid = panels(len(shown), 3, (3.2, 0.3), (2.4, 0.7), sharey=True)
     for axes, driver in zip(grid.flat, shown, strict=False):
         along = shown_samples.driver(comparison, driver, pooled)
         _along(axes, along, pooled, errors.noise * what.factor)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.path import Path
@@ -16,7 +14,7 @@ from matplotlib.transforms import Bbox
 from terrain_cli.presentation.segment_table import GRID
 from terrain_cli.views import shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS, SCALE
-from terrain_cli.views.figures.drive_figures import Picture
+from terrain_cli.views.figures.drive_figures import Picture, panels
 from terrain_cli.views.shown_samples import limits as limits_of
 from terrain_cli.vocabulary.choices import MOST_VALLEYS
 
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
     from terrain_cli.views.shown_segments import Moment
@@ -132,12 +131,7 @@ def _lines(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
 
 def rim_stress(moments: Sequence[Moment]) -> Figure:
     """Draw normal and shear stress along the rim, a panel for each moment."""
-    columns = min(2, len(moments))
-    rows = -(-len(moments) // columns)
-    figure = Picture(figsize=(3.8 * columns, 2.9 * rows + 0.3))
-    grid = figure.subplots(rows, columns, squeeze=False)
-    for axes in grid.flat[len(moments) :]:
-        axes.remove()
+    figure, grid = panels(len(moments), 2, (3.8, 0.0), (2.9, 0.3))
     for axes, moment in zip(grid.flat, moments, strict=False):
         angle, normal, shear = moment.stresses
         peak = int(np.argmax(normal))
@@ -213,15 +207,10 @@ def valleys(posterior: Posterior, table: Mapping[str, Any]) -> Figure | None:
         return None
     if len(there) > MOST_VALLEYS:
         there = there[np.round(np.linspace(0, len(there) - 1, MOST_VALLEYS)).astype(int)]
-    columns = min(3, len(there))
-    rows = math.ceil(len(there) / columns)
-    figure = Figure(figsize=(max(2.9 * columns, 4.6), 2.7 * rows + 0.8))
-    panels = figure.subplots(rows, columns, squeeze=False)
-    for axes in panels.flat[len(there) :]:
-        axes.remove()
+    figure, grid = panels(len(there), 3, (2.9, 0.0 if len(there) > 1 else 1.7), (2.7, 0.8))
     drawn = [
         _panel(axes, posterior, np.flatnonzero(number == segment), table, int(segment))
-        for axes, segment in zip(panels.flat, there, strict=False)
+        for axes, segment in zip(grid.flat, there, strict=False)
     ]
     handles = [
         Patch(color=COLOURS[0], alpha=0.65, label="68 %"),
@@ -236,7 +225,7 @@ def valleys(posterior: Posterior, table: Mapping[str, Any]) -> Figure | None:
         handles.append(
             Line2D([], [], color=COLOURS[2], linestyle=":", label="68 % of what is known beforehand")
         )
-    figure.legend(handles=handles, loc="outside lower center", ncols=3 if columns > 1 else 2)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3 if len(there) > 1 else 2)
     left = int(np.count_nonzero(np.isfinite(table["strength_kPa"]))) - len(there)
     wheel = " ".join([str(table["source"][0]), str(table["wheel"][0])]).strip()
     figure.suptitle(

@@ -1,0 +1,145 @@
+"""Laws of the catalogue that are no arithmetic of users' laws, by the names that effects.toml gives them."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.mechanics.contact import rolling, slip_of_radius
+
+if TYPE_CHECKING:
+    from terrain_cli.mechanics.effect import Quantities
+
+#: What a pass changes as a share of what the one before it did, where nothing else is known.
+_FURTHER = math.exp(-1.0)
+#: m: over this distance to either side of its top the layer sets in.
+_ROUND = 5e-4
+#: m, a grain: less displacement than this along has no direction.
+_GRAIN = 3e-4
+#: σ0 in Pa: the stress at which tan φ is the soil's own.
+_REFERENCE_STRESS = 10e3
+_LEAST_STRESS = 1.0
+#: Of loose dry soil, in kg/m³.
+_DENSITY = 1600.0
+
+
+def packed(quantity: str, q: Quantities) -> Any:
+    """Change a quantity of the soil by a share at the first pass, and by less at each further one."""
+    share = _FURTHER + q["further"]
+    geometric = np.expm1(np.maximum(q["pass_number"], 0.0) * np.log(share)) / (share - 1.0)
+    return q[quantity] * (1.0 + q[f"{quantity}_gain"] * geometric)
+
+
+packed_stiffness, packed_cohesion = partial(packed, "stiffness"), partial(packed, "cohesion")
+packed_shear_modulus = partial(packed, "shear_modulus")
+
+
+def on_a_layer(q: Quantities) -> Any:
+    over = q["depth"] - q["top"]
+    # A parabola between two straight lines: no kink, and exact away from the top.
+    within = np.minimum(np.maximum(over + _ROUND, 0.0), 2.0 * _ROUND)
+    into = within * within / (4.0 * _ROUND) + np.maximum(over - _ROUND, 0.0)
+    return q["normal_stress"] + q["modulus"] * into
+
+
+def under_a_crust(q: Quantities) -> Any:
+    return q["normal_stress"] - q["strength"] * np.expm1(-q["depth"] / q["thickness"])
+
+
+def _mean_share(x: Any) -> Any:
+    """Return (1 − exp(−x))/x."""
+    return -np.expm1(-x) / x
+
+
+def shared_stress(q: Quantities) -> Any:
+    k, along = q["shear_modulus"], q["shear_displacement"]
+    across = q["radius"] * rolling(q["slip"]) * (q["entry_angle"] - q["angle"]) * np.tan(q["slip_angle"])
+    square = along * along + _GRAIN**2
+    alone, both = np.sqrt(square) / k, np.sqrt(square + q["lateral"] * across * across) / k
+    return q["shear_stress"] * _mean_share(both) / _mean_share(alone)
+
+
+def softened(q: Quantities) -> Any:
+    sheared = -np.expm1(-np.absolute(q["shear_displacement"]) / q["length"])
+    return q["shear_stress"] * (1.0 - q["loss"] * sheared)
+
+
+def curved(q: Quantities) -> Any:
+    sigma, travel = q["normal_stress"], q["shear_displacement"]
+    way = np.where(travel < 0.0, -1.0, 1.0)
+    mobilised = -way * np.expm1(-np.absolute(travel) / q["shear_modulus"])
+    bent = np.exp(-q["B"] * np.log(np.maximum(sigma, _LEAST_STRESS) / _REFERENCE_STRESS)) - 1.0
+    return q["shear_stress"] + q["tan_phi"] * sigma * bent * mobilised
+
+
+def slip_of_the_rim(q: Quantities) -> Any:
+    """Return 1 − V/(rω) where 1 − V/(rs ω) was recorded, and the same of a wheel that skids."""
+    slip = q["slip"]
+    advance = np.where(slip < 0.0, 1.0 / (1.0 + np.minimum(slip, 0.0)), 1.0 - slip)
+    advance = advance * (1.0 + q["lambda_s"] * q["grouser_height"] / q["wheel_radius"])
+    return np.where(advance > 1.0, 1.0 / advance - 1.0, 1.0 - advance)
+
+
+def slip_of_a_flat_wheel(q: Quantities) -> Any:
+    return slip_of_radius(q["slip"], 1.0 - q["deflection"])
+
+
+def slip_of_another_radius(q: Quantities) -> Any:
+    return slip_of_radius(q["slip"], 1.0 + q["relative_error"])
+
+
+def bearing_factors(tan_phi: Any) -> tuple[Any, Any, Any]:
+    """Bearing-capacity factors of Terzaghi under a rough footing; Nγ, which he gives as a table, to 25 %."""
+    tan_phi = np.maximum(tan_phi, 0.02)
+    phi = np.arctan(tan_phi)
+    n_q = np.exp((1.5 * np.pi - phi) * tan_phi) / (1.0 - np.sin(phi))
+    return (n_q - 1.0) / tan_phi, n_q, 2.0 * (n_q + 1.0) * tan_phi / (1.0 + 0.4 * np.sin(4.0 * phi))
+
+
+def pull_less_the_wall(q: Quantities) -> Any:
+    tan_phi = np.maximum(q["tan_phi"], 0.02)
+    n_c, _, n_gamma = bearing_factors(tan_phi)
+    flat = 1.0 / (1.0 + tan_phi * tan_phi)
+    k_c, k_gamma = (n_c - tan_phi) * flat, (2.0 * n_gamma / tan_phi + 1.0) * flat
+    z = q["sinkage"]
+    wall = q["width"] * z * (q["cohesion"] * k_c + 0.5 * _DENSITY * q["gravity"] * k_gamma * z)
+    return q["drawbar_pull"] - q["factor"] * wall
+
+
+def load_transferred(q: Quantities) -> Any:
+    load = q["load"]
+    along = load * np.sin(q.get("pitch", 0.0))
+    pull = q.get("measured_drawbar_pull", along)
+    climbing = along if "measured_drawbar_pull" in q else 0.0
+    inertia = load / q["gravity"] * q.get("acceleration", 0.0)
+    return load + q["ratio"] * (pull + inertia) + q["slope_ratio"] * climbing
+
+
+def torque_with_friction(q: Quantities) -> Any:
+    # Torque is counted positive the way the wheel turns, so the sign of ω is already in it.
+    return q["torque"] + q["Tc"] + q["Bv"] * np.absolute(q.get("angular_velocity", 0.0))
+
+
+def torque_with_inertia(q: Quantities) -> Any:
+    # Torque is counted positive the way the wheel turns, and so is its acceleration here.
+    way = np.where(np.asarray(q.get("angular_velocity", 1.0)) < 0.0, -1.0, 1.0)
+    return q["torque"] + q["J"] * way * q["angular_velocity_rate"]
+
+
+def late(channel: str, q: Quantities) -> Any:
+    """Show what was true a little earlier, to first order."""
+    return q[channel] - q[f"{channel}_lag"] * q.get(f"{channel}_rate", 0.0)
+
+
+late_torque, late_drawbar_pull = partial(late, "torque"), partial(late, "drawbar_pull")
+late_sinkage = partial(late, "sinkage")
+
+
+def sinkage_late_on_the_way(q: Quantities) -> Any:
+    """Take the rate from the slope of the rut: at one speed a distance is a time, and nothing else."""
+    if "rut_slope" not in q or "velocity" not in q:
+        return late("sinkage", q)
+    return q["sinkage"] - q["sinkage_lag"] * np.absolute(q["velocity"]) * q["rut_slope"]
