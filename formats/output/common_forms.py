@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Values: TypeAlias = "NDArray[Any] | Labels | Sequence[str | None] | Sequence[float | None]"
-#: What a GIS shows as the name of the layer.
-LAYER = "segments"
-_WKT = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?\(([^()]+)\)\s*", re.IGNORECASE)
+LAYER = "segments"  # What a GIS shows as the name of the layer
+WKT = "WKT"  # The column that holds POINT or LINESTRING, if there is one
+_SHAPE = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?\(([^()]+)\)\s*", re.IGNORECASE)
 _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)
 #: Metres in a frame of their own: GDAL reads it from GeoJSON, and writes srs_id −1 for it in a GeoPackage.
 SITE_FRAME = 'LOCAL_CS["Undefined Cartesian SRS",UNIT["metre",1]]'
@@ -77,7 +77,7 @@ def parse(text: str | None) -> WktShape | None:
     """Read well-known text; None for nothing and for an empty geometry."""
     if not text or _EMPTY.fullmatch(text):
         return None
-    match = _WKT.fullmatch(text)
+    match = _SHAPE.fullmatch(text)
     if match is None:
         raise ValueError(f"neither POINT nor LINESTRING: {text[:60]!r}")
     points = tuple(tuple(map(float, point.split())) for point in match[2].split(","))

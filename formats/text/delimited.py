@@ -16,7 +16,7 @@ from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
 from formats.table import BATCH_ROWS, Field, Source, Stream
 from formats.text import cell_values, unguarded
-from formats.text.cell_values import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
+from formats.text.cell_values import Names, floats, kind_of, numbers, times
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 
 if TYPE_CHECKING:
@@ -185,12 +185,7 @@ class DelimitedSource(Source):
                 parse_options=pc.ParseOptions(
                     delimiter=self._dialect.delimiter, newlines_in_values=True, invalid_row_handler=keep
                 ),
-                convert_options=pc.ConvertOptions(
-                    include_columns=[keys[j] for j in places],
-                    column_types=dict.fromkeys(keys, pa.string()),
-                    strings_can_be_null=True,
-                    null_values=list(MISSING_SPELLINGS),
-                ),
+                convert_options=cell_values.conversion(dict.fromkeys(places, pa.string()), "."),
             )
             for batch in reader:
                 yield mend(batch.columns)
@@ -295,5 +290,4 @@ class _Mending:
 
     @staticmethod
     def _cells(place: int, mended: list[tuple[int, list[str]]]) -> pa.Array:
-        cells = [fields[place] if place < len(fields) else "" for _, fields in mended]
-        return pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())
+        return cell_values.of_texts(fields[place] if place < len(fields) else "" for _, fields in mended)

@@ -160,7 +160,7 @@ def _wheel(
     if lacks:
         return entry
     try:
-        judged = telemetry.assemble(layout, raw, rover)
+        judged = telemetry.assemble(telemetry.Request(layout=layout, rover=rover), raw)
     except InputError as error:
         # A unit is wrong: that of the clock, unless it says of which channel.
         entry["missing"] = [{"what": getattr(error, "channel", "time"), "because": str(error)}]

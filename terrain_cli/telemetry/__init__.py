@@ -29,6 +29,7 @@ __all__ = [
     "Condition",
     "Geometry",
     "Plan",
+    "Request",
     "Samples",
     "assemble",
     "lacking",
@@ -58,14 +59,11 @@ def read_source(source: Source, rover: Rover, *, most: int | None = None, **aske
     spread over it (`excerpt`). A table is then never in memory as a whole.
     """
     request = _request(source, rover, **asked)
-    begin, rest = _begun(request, most)
-    if most is not None and rest is not None:
-        result = excerpt(most // 2, in_parts(request, begin, rest))
-    else:
-        result = _whole(request, begin)
-        if most is not None and sum(map(len, result)) > most:
-            result = excerpt(most // 2, result)
-    return _some(request, result)
+    batches = _begun(request, most)
+    parts = _whole(request, batches) if isinstance(batches, list) else in_parts(request, batches)
+    if most is None or (isinstance(parts, list) and sum(map(len, parts)) <= most):
+        return _some(request, list(parts))
+    return _some(request, excerpt(most // 2, parts))
 
 
 def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Samples] | Iterator[Samples]:
@@ -73,10 +71,10 @@ def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Sa
     request = _request(source, rover, **asked)
     timed = any(feed.channel == "time" for feed in request.layout.every_feed)
     # Steady test points belong together by their labels, wherever they stand.
-    begin, rest = _begun(request, rows if timed else None)
-    if rest is not None:
-        return in_parts(request, begin, rest)
-    return _some(request, _whole(request, begin))
+    batches = _begun(request, rows if timed else None)
+    if isinstance(batches, list):
+        return _some(request, _whole(request, batches))
+    return in_parts(request, batches)
 
 
 def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
@@ -124,17 +122,17 @@ def _request(
     )
 
 
-def _begun(request: Request, rows: int | None) -> tuple[list[Batch], Iterator[Batch] | None]:
+def _begun(request: Request, rows: int | None) -> list[Batch] | Iterator[Batch]:
     """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
     if rows is None or not is_table(request.layout.source):
-        return [], None
+        return []
     names = raw_channels.fields(request.layout, request.channels, request.extras)
     return raw_columns.begin(request.layout.source, names, rows)
 
 
-def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
+def _whole(request: Request, batches: list[Batch]) -> list[Samples]:
     layout, rover = request.layout, request.rover
-    raws = read_raw(layout, rover, request.channels, request.extras, named=request.wheels, batches=begin)
+    raws = read_raw(layout, rover, request.channels, request.extras, named=request.wheels, batches=batches)
     for raw in raws if request.compared else ():
         # A model would predict it, but it was not measured.
         for name in raw.channels.keys() & set(PREDICTED):
@@ -145,7 +143,7 @@ def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
     check(request, raws)
     result = []
     while raws:
-        result.append(assemble(layout, raws.pop(0), rover, request.where, request.effects, layout.extras))
+        result.append(assemble(request, raws.pop(0), layout.extras))
     return result
 
 

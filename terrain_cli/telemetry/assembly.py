@@ -39,12 +39,11 @@ class Request:
 
     layout: Plan
     rover: Rover
-    channels: frozenset[str]
-    extras: tuple[str, ...]
-    #: Only these; all if empty.
-    wheels: tuple[str, ...]
-    where: Condition | None
-    effects: Sequence[Effect] | None
+    channels: frozenset[str] = frozenset(CHANNELS)
+    extras: tuple[str, ...] = ()
+    wheels: tuple[str, ...] = ()  # Only these; all if empty
+    where: Condition | None = None
+    effects: Sequence[Effect] | None = None
     compared: bool = False  # With a model, which predicts what is there
 
 
@@ -121,20 +120,13 @@ def check(request: Request, raws: Sequence[Raw]) -> None:
 
 
 def assemble(
-    layout: Plan,
-    raw: Raw,
-    rover: Rover,
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-    columns: Collection[str] = (),
-    *,
-    checked: bool = False,
-    judged: bool = True,
+    request: Request, raw: Raw, columns: Collection[str] = (), *, checked: bool = False, judged: bool = True
 ) -> Samples:
     """Derive what was not recorded, and judge every sample of a wheel; its raw channels are consumed."""
     # `columns` are further ones that are kept; `checked` says that it is a later part of a log, whose units
     # were looked at, and without `judged` they are only so far as a clock goes.
-    source, wheel = layout.source, wheel_of(raw, rover)
+    source, rover, where, effects = request.layout.source, request.rover, request.where, request.effects
+    wheel = wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
     k, factor = rover.soil_shear_modulus(), rover.shear_modulus_factor
     grousers = wheel.grouser_height, wheel.grouser_count
@@ -178,7 +170,7 @@ def assemble(
     if judged and not checked:
         evidence = UnitEvidence(geometry, raw.feeds)
         evidence.add(samples)
-        samples.remarks += plausibility.found(layout, raw.wheel, evidence)
+        samples.remarks += plausibility.found(request.layout, raw.wheel, evidence)
     return samples
 
 

@@ -125,13 +125,13 @@ def notes(samples: Sequence[Samples]) -> list[str]:
     return [*dict.fromkeys(saved), *excerpted(samples)]
 
 
-def in_parts(request: Request, begin: list[Batch], rest: Iterable[Batch]) -> Iterator[Samples]:
-    """Yield the samples of a table, whose first batches are emptied, part by part, of each wheel in turn."""
+def in_parts(request: Request, batches: Iterable[Batch]) -> Iterator[Samples]:
+    """Yield the samples of a table part by part, of each wheel in turn."""
     # Distance, stretches, the angle of the wheel and the clock's origin go on from part to part. What a
     # person should know stands in the first part of a wheel.
     keep_freed()
     reader = PartReader(request)
-    for table, first, last in _tables(begin, rest):
+    for table, first, last in _tables(batches):
         yield from reader.parts(table, first, last)
     reader.end()
 
@@ -183,12 +183,12 @@ class PartReader:
 
     def _part(self, raw: Raw, first: int, last: int) -> Samples:
         """Return the samples of the rows from first to last of a wheel; the others are their neighbours."""
-        request, layout, rover = self.request, self.request.layout, self.request.rover
+        layout, rover = self.request.layout, self.request.rover
         end = self._ends[raw.wheel]
         end.count_on(raw)
-        given = layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW)
         checked = end.begun if self._evident else end.clocked
-        samples = assemble(*given, checked=checked, judged=self._evident)
+        columns = (*layout.extras, _ROW)
+        samples = assemble(self.request, raw, columns, checked=checked, judged=self._evident)
         end.clocked |= len(raw) >= alignment.FEW_TIMES
         if not end.begun:
             told = samples.remarks[len(layout.source.remarks) :]
@@ -226,18 +226,13 @@ class PartReader:
             end.remarks += plausibility.found(layout, wheel, end.evidence)
 
 
-def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
+def _tables(batches: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
     """Join batches to tables, each with rows of its neighbours; of its own are those from first to last."""
     pending: list[Batch] = []
     count = before = 0
 
-    def every() -> Iterator[Batch]:
-        while begin:
-            yield begin.pop(0)
-        yield from rest
-
     def short() -> Iterator[Batch]:
-        for batch in every():
+        for batch in batches:
             rows = len(next(iter(batch.values())))
             for start in range(0, rows, ROWS):
                 part = slice(start, start + ROWS)

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from formats import Field, Source, Stream
     from terrain_cli.rover import Rover
     from terrain_cli.rover.vehicle import ChannelEntry
-    from terrain_cli.telemetry.topic_discovery import TopicCandidate
     from terrain_cli.vocabulary.units import Unit
 
 
@@ -98,7 +97,7 @@ def _plan_bag(
     result: Plan, streams: Mapping[str, Stream], asked: dict[str, dict[str, Feed]], rover: Rover
 ) -> None:
     chosen = _given(asked)
-    candidates: dict[str, list[TopicCandidate]] = {}
+    candidates: dict[str, list[Feed]] = {}
     for topic, stream in streams.items():
         try:
             found, label = topic_discovery.find(stream)
@@ -106,8 +105,8 @@ def _plan_bag(
             raise InputError(f"{result.source.path}: {topic}: {error}", hint=error.hint) from None
         if label:
             result.labels.setdefault(topic, label)
-        for candidate in [*found, *_unheard(result, stream, asked)]:
-            candidates.setdefault(candidate.feed.channel, []).append(candidate)
+        for feed in [*found, *_unheard(result, stream, asked)]:
+            candidates.setdefault(feed.channel, []).append(feed)
     there = topic_discovery.wheels_in(candidates, result.labels)
     states = [stream for stream in streams.values() if stream.type == topic_discovery.JOINT_STATE]
     joints = [name for stream in states for field in stream.fields for name in field.elements]
@@ -130,7 +129,7 @@ def _plan_bag(
         result.wheels[wheel].update(feeds)
 
 
-def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed]]) -> list[TopicCandidate]:
+def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed]]) -> list[Feed]:
     """Find the speeds of joints that rover.toml asks for, and that another publisher sends than the first."""
     if stream.type != topic_discovery.JOINT_STATE:
         return []
@@ -140,8 +139,8 @@ def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed
     more = []
     for joint in sorted(joint for joint in joints - heard if not joint.isdigit()):
         speed = topic_discovery.joint_speed(stream.topic, joint)
-        begin = next(result.source.read(stream.topic, speed.feed.fields, 1000), None)
-        if begin is not None and not np.isnan(as_numbers(begin[speed.feed.fields[0]])).all():
+        begin = next(result.source.read(stream.topic, speed.fields, 1000), None)
+        if begin is not None and not np.isnan(as_numbers(begin[speed.fields[0]])).all():
             more.append(speed)
     return more
 
@@ -201,13 +200,13 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
 
 def _meant(entry: ChannelEntry, stream: Stream, wheel: str) -> Feed | None:
     """Return the one feed of a topic that carries a channel, where rover.toml names no field."""
-    found = [c for c in topic_discovery.find(stream)[0] if c.feed.channel == entry.channel]
+    found = [feed for feed in topic_discovery.find(stream)[0] if feed.channel == entry.channel]
     name = entry.name or wheel
     if len(found) > 1 and name:
-        places = {place: c for c in found for place in c.places}
+        places = {place: feed for feed in found for place in feed.places}
         match = match_name(name, places)
         found = [places[match]] if match else []
-    return found[0].feed if len(found) == 1 else None
+    return found[0] if len(found) == 1 else None
 
 
 def _unit(entry: ChannelEntry, message_type: str, name: str, topic: str) -> Unit | None:

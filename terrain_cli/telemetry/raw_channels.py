@@ -127,7 +127,7 @@ def read_raw(
     if batches:
         table = raw_columns.whole(batches)
     elif names:
-        table = raw_columns.read_whole(plan.source, "", names)
+        table = read_topics(plan.source, {"": names})[""]
     raws = wheels(plan, table, wanted, extras, choose)
     for raw in raws:
         clocks = own_clocks.find(raw)

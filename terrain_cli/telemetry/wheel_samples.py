@@ -52,6 +52,9 @@ class Feed:
     of_body: bool = False
     asked: bool = False
     stated: bool = False  # rover.toml or the header states its unit
+    #: Of one found without being asked for, names that might tell its wheel: the parts of the topic, or the
+    #: name beside a list.
+    places: tuple[str, ...] = field(default=(), compare=False)
 
     def si(self, raw: Sequence[Array]) -> Array:
         """Return the channel in SI units from its raw fields, in the order of `fields`."""
