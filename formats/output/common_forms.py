@@ -34,7 +34,6 @@ Table: TypeAlias = "dict[str, NDArray[Any]]"
 
 
 def normalise(columns: Mapping[str, Values]) -> Table:
-    """Bring columns into one form."""
     table = {name: _column(name, values) for name, values in columns.items()}
     if len(set(map(len, table.values()))) > 1:
         lengths = ", ".join(f"{name} {len(column)}" for name, column in table.items())
@@ -60,8 +59,6 @@ def _column(name: str, values: Values) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True)
 class WktShape:
-    """A point or a line."""
-
     kind: Literal["Point", "LineString"]
     points: tuple[tuple[float, ...], ...]  # (x, y) or (x, y, z) each
 
@@ -134,6 +131,5 @@ def check_crs(crs: str | None) -> None:
 
 
 def unknown_crs(crs: str) -> FormatError:
-    """Say that GDAL does not know a reference system."""
     hint = "for instance EPSG:4326 (Earth), IAU_2015:49900 (Mars), IAU_2015:30100 (Moon)"
     return FormatError(crs, "GDAL knows no such reference system", hint=hint)

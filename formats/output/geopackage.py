@@ -89,7 +89,6 @@ def write_geopackage(
 
 @contextmanager
 def _no_date() -> Iterator[None]:
-    """Let GDAL note no date of its own."""
     before = get_gdal_config_option("OGR_CURRENT_DATE")
     set_gdal_config_options({"OGR_CURRENT_DATE": _NO_DATE})
     try:

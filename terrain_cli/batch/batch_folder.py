@@ -166,7 +166,6 @@ def belongs(root: Path, file: str) -> bool:
 
 
 def is_batch(path: str) -> bool:
-    """Tell whether a batch has written into a folder."""
     return os.path.isfile(Path(path, STATE, _RECORDS))  # noqa: PTH113 - Path may raise
 
 

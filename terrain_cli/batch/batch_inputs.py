@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Input:
-    """One input, as it was found."""
-
     path: str  # As it was named, for people and for the column `source`
     location: str  # Its absolute path, or its address: what makes it the same input next time
     size: int | None  # Bytes; of a folder, of all its files

@@ -45,8 +45,6 @@ _PAUSE = 10  # And at least so many times as long as such a look takes
 
 @dataclass(frozen=True)
 class MissionPart:
-    """One content of the mission."""
-
     path: str
     record: Pointer
     configuration: str  # It was computed with
@@ -173,8 +171,7 @@ class Assemble:
     def _blocks(self) -> Iterator[list[tuple[Table, WindowEstimates, dict[str, Any]]]]:
         if not self.parts:
             return
-        file = Records(Path(self.folder, STATE, "records"))
-        with closing(file):
+        with closing(Records(Path(self.folder, STATE, "records"))) as file:
             for first in range(0, len(self.parts), _AT_ONCE):
                 some = self.parts[first : first + _AT_ONCE]
                 yield [decode(self._record(file, part), part.path) for part in some]

@@ -75,7 +75,7 @@ def write_all(descriptor: int, data: bytes) -> None:
 class _GrowingFile:
     """A file that is only ever added to, all or nothing, so that it outlasts a loss of power."""
 
-    def __init__(self, path: Path, end: int | None) -> None:
+    def __init__(self, path: Path, end: int | None = None) -> None:
         """Open it, and forget what follows its `end`; without one it is only to be read."""
         self._path = str(path)
         with explained(self._path):
@@ -224,17 +224,13 @@ _ACCOUNT = b"account"
 _SI = "si:"  # Sets the columns of the estimates apart from those of the table
 
 
-class Records:
+class Records(_GrowingFile):
     """The file of records; without the `end` of the last one that the manifest knows, only to be read."""
-
-    def __init__(self, path: Path, end: int | None = None) -> None:
-        self._file = _GrowingFile(path, end)
-        self.close = self._file.close
 
     def add(self, record: bytes) -> Pointer:
         """Add a record, so that it outlasts a loss of power; or leave the file as it was."""
-        offset = self._file.size
-        self._file.append(record)
+        offset = self.size
+        self.append(record)
         return offset, len(record), _digest(record)
 
     def read(self, pointer: Pointer) -> bytes | None:
@@ -242,7 +238,7 @@ class Records:
         offset, length, digest = pointer
         parts = []
         while length > 0:
-            part = os.pread(self._file.descriptor, length, offset)
+            part = os.pread(self.descriptor, length, offset)
             if not part:
                 return None
             parts.append(part)

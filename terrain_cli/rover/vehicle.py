@@ -100,8 +100,6 @@ class Wheel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rover:
-    """All that rover.toml says."""
-
     path: Path | None = None
     #: [wheel], [channels] and [motor]: every wheel of a file that names none.
     default: Wheel = field(default_factory=Wheel)

@@ -103,8 +103,6 @@ class ArrivingSamples(ABC):
 
 
 class RowSamples(ArrivingSamples):
-    """Makes samples of the rows of a table."""
-
     def __init__(self, rows: ArrivingRows, rover: Rover, settings: Settings, effects: Effects) -> None:
         super().__init__(rows, rover, settings, effects)
         request = self._reader.request

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is to be read of a source."""
-
     layout: Plan
     rover: Rover
     channels: frozenset[str] = frozenset(CHANNELS)

@@ -70,7 +70,6 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
 
 
 def _beginning(source: Source, headers: Collection[str]) -> Mapping[str, Column]:
-    """Read the first rows."""
     if not headers:
         return {}
     with closing(cast("Generator[Batch]", source.read("", list(headers), _ROWS))) as batches:

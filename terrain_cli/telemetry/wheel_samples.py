@@ -92,8 +92,6 @@ class Feed:
 
 @dataclass(kw_only=True)
 class Plan:
-    """What will be read of one source."""
-
     source: Source
     shared: dict[str, Feed] = field(default_factory=dict)  # Channels of every wheel
     #: Channels of one wheel only; they stand above the shared ones. In a table or topic with a column of

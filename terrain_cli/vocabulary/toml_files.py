@@ -77,7 +77,6 @@ def shown(value: object) -> str:
 
 
 def require(values: Mapping[str, object], place: str, *keys: str) -> None:
-    """Refuse a table that lacks a key."""
     for key in keys:
         if key not in values:
             raise ConfigurationError(f"{place}: {key} is missing")
