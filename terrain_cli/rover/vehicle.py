@@ -135,15 +135,6 @@ class Rover:
         what = f"no [wheels.{name}] for wheel {name!r} of the data{nearest(name, self.wheels)}"
         raise ConfigurationError(f"{self.label}: {what}", hint=f"its wheels are {listed}")
 
-    def geometry(self, wheel: Wheel) -> tuple[float, float]:
-        """Return radius and width of a wheel in m."""
-        if wheel.radius is not None and wheel.width is not None:
-            return wheel.radius, wheel.width
-        missing = [name for name in ("radius", "width") if getattr(wheel, name) is None]
-        of = f" of wheel {wheel.name}" if wheel.name else ""
-        lines = "".join(f"\n{name} = …  # m" for name in missing)
-        raise self._missing(f"the {' and '.join(missing)}{of}", f"[wheel]{lines}")
-
     def soil_shear_modulus(self) -> float:
         """Return the shear modulus k in m."""
         if self.shear_modulus is None:

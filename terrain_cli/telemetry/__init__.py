@@ -9,12 +9,12 @@ import numpy as np
 import formats
 from terrain_cli.errors import InputError, nearest
 from terrain_cli.telemetry import effect_inputs, raw_channels, raw_columns, rover_advice
-from terrain_cli.telemetry.assembly import Request, assemble, check, lacking, wheel_of
+from terrain_cli.telemetry.assembly import Request, assemble, check
 from terrain_cli.telemetry.long_logs import PartReader, excerpt, in_parts
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.usable_samples import Condition
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Plan, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
@@ -24,22 +24,9 @@ if TYPE_CHECKING:
     from formats import Batch, Source
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
+    from terrain_cli.telemetry.wheel_samples import Plan
 
-__all__ = [
-    "Condition",
-    "Geometry",
-    "Plan",
-    "Request",
-    "Samples",
-    "assemble",
-    "lacking",
-    "part_reader",
-    "plan",
-    "read",
-    "read_parts",
-    "read_source",
-    "wheel_of",
-]
+__all__ = ["Condition", "Geometry", "Samples", "part_reader", "read", "read_parts", "read_source"]
 
 
 def read(path: str, rover: Rover, *, salvage: bool = False, **options: Any) -> list[Samples]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -125,7 +125,8 @@ def assemble(
     # were looked at, and without `judged` they are only so far as a clock goes.
     source, rover, where, effects = request.layout.source, request.rover, request.where, request.effects
     wheel = wheel_of(raw, rover)
-    radius, width = rover.geometry(wheel)
+    # Without these `check` has refused it.
+    radius, width = cast("tuple[float, float]", (wheel.radius, wheel.width))
     k, factor = rover.soil_shear_modulus(), rover.shear_modulus_factor
     grousers = wheel.grouser_height, wheel.grouser_count
     gravity = rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from terrain_cli.telemetry.assembly import Request, assemble, check
 from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
-from terrain_cli.telemetry.wheel_samples import Notice, Raw, Samples
+from terrain_cli.telemetry.wheel_samples import COLUMNS, TABLES, Notice, Raw, Samples
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -79,32 +79,23 @@ def excerpt(most: int, parts: Iterable[Samples]) -> list[Samples]:
 
 def joined(parts: Sequence[Samples]) -> Samples:
     """Join parts of one wheel, with the words of the first; NaN where one lacks a column."""
-
-    def columns(of: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-        names = dict.fromkeys(name for own in of for name in own)
-        nothing = [np.full(len(part), np.nan) for part in parts]
-        return {
-            name: np.concatenate([own.get(name, none) for own, none in zip(of, nothing, strict=True)])
-            for name in names
+    columns: dict[str, Any] = {}
+    for name in COLUMNS:
+        known = [own for part in parts if (own := getattr(part, name)) is not None]
+        columns[name] = _together(known) if known else None
+    nothing = [np.full(len(part), np.nan) for part in parts]
+    for name in TABLES:
+        own = [getattr(part, name) for part in parts]
+        keys = dict.fromkeys(key for table in own for key in table)
+        columns[name] = {
+            key: _together([table.get(key, none) for table, none in zip(own, nothing, strict=True)])
+            for key in keys
         }
+    return replace(parts[0], **columns)
 
-    def optional(values: Sequence[Array | None]) -> Array | None:
-        known = [value for value in values if value is not None]
-        return np.concatenate(known) if known else None
 
-    first = parts[0]
-    return replace(
-        first,
-        time=optional([part.time for part in parts]),
-        channels=columns([part.channels for part in parts]),
-        labels={
-            name: raw_columns.join_labels([part.labels[name] for part in parts]) for name in first.labels
-        },
-        stretch=np.concatenate([part.stretch for part in parts]),
-        distance=optional([part.distance for part in parts]),
-        set_aside=raw_columns.join_labels([part.set_aside for part in parts]),
-        drivers=columns([part.drivers for part in parts]),
-    )
+def _together(columns: Sequence[Any]) -> Column:
+    return raw_columns.join(columns) if isinstance(columns[0], Labels) else np.concatenate(columns)
 
 
 def excerpted(samples: Sequence[Samples]) -> list[str]:
