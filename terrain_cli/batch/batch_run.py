@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 from formats.source import natural
 from terrain_cli.batch import batch_folder, batch_inputs, manifest
-from terrain_cli.batch.batch_folder import CONFIGURATIONS, STATE, Folder
+from terrain_cli.batch.batch_folder import ASSEMBLED, CONFIGURATIONS, STATE, Folder
 from terrain_cli.batch.batch_inputs import Arrivals, Input
 from terrain_cli.batch.coordinator import Keeper, Tally
 from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records, decode
-from terrain_cli.batch.worker_pool import LocalPool, Pool
+from terrain_cli.batch.worker_pool import LocalPool
 from terrain_cli.batch.worker_tasks import Order, Reply
 from terrain_cli.errors import InputError, TerrainError, UnfinishedError
 from terrain_cli.presentation.terminal import as_json
@@ -29,6 +29,7 @@ from terrain_cli.presentation.terminal import as_json
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from terrain_cli.batch.dask_cluster import Cluster
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.run.settings import Settings
@@ -221,7 +222,7 @@ def run(
     return keeper.tally
 
 
-def _workers(order: Order) -> Pool:
+def _workers(order: Order) -> LocalPool | Cluster:
     if order.scheduler is None:
         return LocalPool(order.jobs, order.timeout, order.memory)
     from terrain_cli.batch.dask_cluster import Cluster
@@ -265,7 +266,7 @@ def _assemble(folder: Folder, order: Order) -> None:
         sizes = [path.lstat().st_size if path.exists() else None for path in here]
         return f"{digest} {sizes}\n".encode()
 
-    if folder.assembled == note():
+    if b"".join(manifest.lines(folder.path / ASSEMBLED)) == note():
         return
     task = Assemble(
         folder=str(folder.path),
@@ -291,4 +292,4 @@ def _assemble(folder: Folder, order: Order) -> None:
         raise error
     for name in names:
         manifest.place(folder.state / name, folder.path / name)
-    folder.assembled = note()
+    folder.put(ASSEMBLED, note())

@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal
 
-from formats.errors import CannotWriteError
 from formats.output.whole_files import explained
 from terrain_cli.processes import ENDINGS
 
@@ -72,7 +71,7 @@ def write_all(descriptor: int, data: bytes) -> None:
         view = view[os.write(descriptor, view) :]
 
 
-class _GrowingFile:
+class GrowingFile:
     """A file that is only ever added to, all or nothing, so that it outlasts a loss of power."""
 
     def __init__(self, path: Path, end: int | None = None) -> None:
@@ -189,33 +188,17 @@ def parse(line: bytes) -> ManifestEntry | None:
     return ManifestEntry(**known)
 
 
-class Manifest:
-    """The entries of a batch, as they were written; lines that cannot be read do not count."""
-
-    def __init__(self, path: Path, *, writable: bool = True) -> None:
-        self._path = path
-        self.entries: list[ManifestEntry] = []
-        size = 0
-        for line in lines(path):
-            if not line.endswith(b"\n"):
-                # It was being written when the process died.
-                break
-            size += len(line)
-            if entry := parse(line):
-                self.entries.append(entry)
-        self._file = _GrowingFile(path, size) if writable else None
-
-    def add(self, entry: ManifestEntry) -> None:
-        """Write an entry, so that it outlasts a loss of power, or nothing of it."""
-        if self._file is None:
-            raise CannotWriteError(str(self._path), "was opened to be read")
-        self._file.append(entry.line())
-        self.entries.append(entry)
-
-    def close(self) -> None:
-        if self._file:
-            self._file.close()
-            self._file = None
+def entries_of(path: Path) -> tuple[list[ManifestEntry], int]:
+    """Return the entries of a manifest, less lines that cannot be read, and the bytes of its whole lines."""
+    entries, size = [], 0
+    for line in lines(path):
+        if not line.endswith(b"\n"):
+            # It was being written when the process died.
+            break
+        size += len(line)
+        if entry := parse(line):
+            entries.append(entry)
+    return entries, size
 
 
 #: Offset and bytes in the file, and the beginning of their hash.
@@ -224,7 +207,7 @@ _ACCOUNT = b"account"
 _SI = "si:"  # Sets the columns of the estimates apart from those of the table
 
 
-class Records(_GrowingFile):
+class Records(GrowingFile):
     """The file of records; without the `end` of the last one that the manifest knows, only to be read."""
 
     def add(self, record: bytes) -> Pointer:

@@ -85,8 +85,9 @@ class Holdings(NamedTuple):
 def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Holdings:
     """Find the channels of every wheel of a log; what is missing is no error."""
     layout = plan(source, rover)
-    tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
-    raws = read_raw(layout, rover, CHANNELS, named=wheels, topics=tables)
+    request = Request(layout=layout, rover=rover, wheels=tuple(wheels))
+    tables = None if is_table(source) else read_topics(source, bags.fields(request))
+    raws = read_raw(request, [], tables)
     clock = layout.no_time
     doubts = (
         [rover_advice.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))] if clock else []

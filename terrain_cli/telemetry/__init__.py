@@ -113,13 +113,11 @@ def _begun(request: Request, rows: int | None) -> list[Batch] | Iterator[Batch]:
     """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
     if rows is None or not is_table(request.layout.source):
         return []
-    names = raw_channels.fields(request.layout, request.channels, request.extras)
-    return raw_columns.begin(request.layout.source, names, rows)
+    return raw_columns.begin(request.layout.source, raw_channels.fields(request), rows)
 
 
 def _whole(request: Request, batches: list[Batch]) -> list[Samples]:
-    layout, rover = request.layout, request.rover
-    raws = read_raw(layout, rover, request.channels, request.extras, named=request.wheels, batches=batches)
+    raws = read_raw(request, batches)
     for raw in raws if request.compared else ():
         # A model would predict it, but it was not measured.
         for name in raw.channels.keys() & set(PREDICTED):
@@ -130,7 +128,7 @@ def _whole(request: Request, batches: list[Batch]) -> list[Samples]:
     check(request, raws)
     result = []
     while raws:
-        result.append(assemble(request, raws.pop(0), layout.extras))
+        result.append(assemble(request, raws.pop(0), request.layout.extras))
     return result
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
     from terrain_cli.telemetry.usable_samples import Condition
+    from terrain_cli.telemetry.wheel_samples import Feed
     from terrain_cli.vocabulary.arrays import Array
 
 
@@ -43,6 +44,11 @@ class Request:
     where: Condition | None = None
     effects: Sequence[Effect] | None = None
     compared: bool = False  # With a model, which predicts what is there
+
+    def feeds(self, wheel: str) -> dict[str, Feed]:
+        """Return what gives the channels of a wheel that are asked for."""
+        feeds = self.layout.feeds(match_name(wheel, self.layout.wheels) or wheel)
+        return {channel: feed for channel, feed in feeds.items() if channel in self.channels}
 
 
 def wheel_of(raw: Raw, rover: Rover) -> Wheel:

@@ -48,11 +48,7 @@ def velocity(angular_velocity: ArrayLike, slip: ArrayLike, radius: float) -> Arr
 
 
 def torque_from_current(
-    current: ArrayLike,
-    motor: Motor,
-    *,
-    temperature: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
+    current: Array, motor: Motor, *, temperature: Array | None = None, angular_velocity: Array | None = None
 ) -> Array:
     """Torque at the wheel, T = η N Kt (1 + α (Tm − T0)) (I − I0).
 

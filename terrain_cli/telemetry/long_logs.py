@@ -142,7 +142,7 @@ class PartReader:
         """Yield the samples of the rows from first to last; the others are their neighbours."""
         request, layout, rover = self.request, self.request.layout, self.request.rover
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
-        raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], self._choose)
+        raws = raw_channels.wheels(request, table, [*request.extras, _ROW], self._choose)
         self._nameless += raw_channels.nameless(layout, table, slice(first, last))
         check(request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
@@ -154,17 +154,14 @@ class PartReader:
 
     def check(self, tables: Mapping[str, dict[str, Column]]) -> None:
         """Refuse a bag of which something is missing."""
-        request, max_gap = self.request, self.request.rover.max_gap
-        raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap)
-        check(request, raws)
+        check(self.request, bags.wheels(self.request, tables, self._choose))
 
     def topics(
         self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
     ) -> Iterator[Samples]:
         """Yield the samples of a bag later than one time and not than another (s), of the messages about."""
-        request, max_gap = self.request, self.request.rover.max_gap
-        raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap, clocks)
-        check(request, [raw for raw in raws if raw.wheel not in self._ends])
+        raws = bags.wheels(self.request, tables, self._choose, clocks)
+        check(self.request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             self._ends.setdefault(raw.wheel, _End(clocks=None))
             time = np.empty(0) if raw.time is None else raw.time
@@ -198,17 +195,17 @@ class PartReader:
 
     def _choose(self, labels: Labels | None) -> list[str]:
         if labels is None:
-            return choose_wheels(self.request.layout, self.request.rover, None, self.request.wheels)
+            return choose_wheels(self.request, None)
         there = labels_there(labels)
         self._seen.update(there)
         return [name for name in there if name in self.request.wheels or not self.request.wheels]
 
     def end(self) -> None:
         """Complete the remarks, once there are no more parts."""
-        layout, rover = self.request.layout, self.request.rover
+        layout = self.request.layout
         if "" in layout.labels:
             every = Labels(np.arange(len(self._seen), dtype=np.int32), tuple(sorted(self._seen)))
-            choose_wheels(layout, rover, every, self.request.wheels)
+            choose_wheels(self.request, every)
         for wheel, end in self._ends.items():
             if end.clocks:
                 end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
