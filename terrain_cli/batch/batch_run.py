@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from terrain_cli.batch.dask_cluster import Cluster
+    from terrain_cli.batch.worker_tasks import Configuration
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.run.settings import Settings
 
     Report = Callable[[Tally], None]
 TABLE, SUMMARY = "segments", "summary.json"
@@ -99,15 +99,14 @@ def _order(entry: ManifestEntry) -> tuple[list[tuple[int, int | str]], str]:
     return natural(entry.path), entry.location
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Assemble:
     """Writes table and summary ready to be placed, in a process of its own: the keeper stays small."""
 
     folder: str
     parts: Sequence[MissionPart]
     account: Mapping[str, Any]
-    settings: Settings
-    crs: str | None
+    configuration: Configuration
     kinds: Sequence[str]
 
     def run(self) -> Reply:
@@ -140,7 +139,7 @@ class Assemble:
         channels: dict[str, dict[str, str]] = {}
         for block in self._blocks():
             table = segment_table.join([rows for rows, _, _ in block])
-            systems.add(segment_table.reference_system(table, self.crs))
+            systems.add(segment_table.reference_system(table, self.configuration.crs))
             tables.append({name: table[name] for name in summary.COLUMNS})
             estimates.append(estimation.join([some for _, some, _ in block]))
             for _, _, told in block:
@@ -149,7 +148,10 @@ class Assemble:
                     wheel["channels"] = channels.setdefault(json.dumps(wheel["channels"]), wheel["channels"])
                 accounts.append(told)
         document = summary.document(
-            segment_table.join(tables), estimation.join(estimates), accounts, self.settings.document()
+            segment_table.join(tables),
+            estimation.join(estimates),
+            accounts,
+            self.configuration.settings.document(),
         )
         return {"batch": batch, **document}, next(iter(systems - {None}), None)
 
@@ -268,16 +270,8 @@ def _assemble(folder: Folder, order: Order) -> None:
 
     if b"".join(manifest.lines(folder.path / ASSEMBLED)) == note():
         return
-    task = Assemble(
-        folder=str(folder.path),
-        parts=parts,
-        account=account,
-        settings=order.configuration.settings,
-        crs=order.configuration.crs,
-        kinds=kinds,
-    )
     with closing(LocalPool(1)) as desk:
-        desk.submit(0, task)
+        desk.submit(0, Assemble(str(folder.path), parts, account, order.configuration, kinds))
         done: list[tuple[int, Reply]] = []
         while not done:
             done = desk.collect(_TICK)

@@ -85,7 +85,7 @@ class Holdings(NamedTuple):
 def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Holdings:
     """Find the channels of every wheel of a log; what is missing is no error."""
     layout = plan(source, rover)
-    request = Request(layout=layout, rover=rover, wheels=tuple(wheels))
+    request = Request(layout=layout, rover=rover, wheels=wheels)
     tables = None if is_table(source) else read_topics(source, bags.fields(request))
     raws = read_raw(request, [], tables)
     clock = layout.no_time

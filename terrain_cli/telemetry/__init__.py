@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,10 +20,9 @@ from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator
 
     from formats import Batch, Source
-    from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.wheel_samples import Plan
 
@@ -74,39 +74,22 @@ def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
     return PartReader(request, evident=False)
 
 
-def _request(
-    source: Source,
-    rover: Rover,
-    *,
-    wheels: Collection[str] = (),
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-    compared: bool = False,
-    kept: Collection[str] = (),
-) -> Request:
+def _request(source: Source, rover: Rover, *, kept: Collection[str] = (), **asked: Any) -> Request:
     layout = plan(source, rover)
     if layout.no_time:
         raise layout.no_time
-    extras, names = _condition_columns(layout, where) if where else ([], set())
+    request = Request(layout=layout, rover=rover, **asked)
+    extras, names = _condition_columns(layout, request.where) if request.where else ([], set())
     wanted = {*rover_advice.SOURCES, *names}
-    if effects is not None:
-        channels, further = effect_inputs.read(effects)
+    if request.effects is not None:
+        channels, further = effect_inputs.read(request.effects)
         wanted |= {"drawbar_pull", *channels}
         extras = sorted({*extras, *further.intersection(layout.extras)})
-    if compared:
+    if request.compared:
         wanted |= CHANNELS.keys()
         extras = sorted({*extras, *layout.extras})
     extras = sorted({*extras, *(name for name in layout.extras if name.strip().casefold() in kept)})
-    return Request(
-        layout=layout,
-        rover=rover,
-        channels=frozenset(wanted),
-        extras=tuple(extras),
-        wheels=tuple(wheels),
-        where=where,
-        effects=effects,
-        compared=compared,
-    )
+    return replace(request, channels=frozenset(wanted), extras=tuple(extras))
 
 
 def _begun(request: Request, rows: int | None) -> list[Batch] | Iterator[Batch]:

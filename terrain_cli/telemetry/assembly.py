@@ -40,7 +40,7 @@ class Request:
     rover: Rover
     channels: frozenset[str] = frozenset(CHANNELS)
     extras: tuple[str, ...] = ()
-    wheels: tuple[str, ...] = ()  # Only these; all if empty
+    wheels: Collection[str] = ()  # Only these; all if empty
     where: Condition | None = None
     effects: Sequence[Effect] | None = None
     compared: bool = False  # With a model, which predicts what is there

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -162,14 +162,9 @@ def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
 def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Feed:
     """Turn an entry of rover.toml into a feed, checked against what the file holds."""
     own = CHANNELS[entry.channel].unit
-    base = Feed(
-        channel=entry.channel,
-        unit=entry.unit or own,
-        scale=entry.scale,
-        offset=entry.offset,
-        asked=True,
-        stated=entry.unit is not None,
-    )
+    stated = entry.unit is not None
+    given: dict[str, Any] = {"scale": entry.scale, "offset": entry.offset, "asked": True, "stated": stated}
+    base = Feed(channel=entry.channel, unit=entry.unit or own, **given)
     if entry.constant is not None:
         return replace(base, constant=entry.constant)
     topic = entry.topic or ""
@@ -178,9 +173,7 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
         raise ConfigurationError(f"{entry.place}: {what}", hint=f"it has {', '.join(list(streams)[:20])}")
     stream = streams[topic]
     if topic and entry.field is None and (meant := _meant(entry, stream, wheel)):
-        unit = entry.unit or meant.unit
-        meant = replace(meant, unit=unit, scale=entry.scale, offset=entry.offset)
-        return replace(meant, asked=True, stated=base.stated)
+        return replace(meant, unit=entry.unit or meant.unit, **given)
     fields = {f.name: f for f in stream.fields}
     name = (entry.field if topic else entry.column) or (next(iter(fields)) if len(fields) == 1 else "")
     if name not in fields:
