@@ -18,7 +18,7 @@ from benchmarks import rover_bag
 from benchmarks.alone import alone
 from terrain_cli.batch.batch_folder import result_name
 from terrain_cli.batch.batch_inputs import local
-from terrain_cli.batch.manifest import Manifest, parse
+from terrain_cli.batch.manifest import entries_of, parse
 
 SIZES = (1_000, 10_000, 30_000)
 
@@ -30,7 +30,7 @@ def batch(folder, *args):
 
 def grow(folder, count):
     """Make a mission of one input one of many."""
-    (seed,) = Manifest(folder / "out/manifest.jsonl", writable=False).entries
+    ((seed,), _) = entries_of(folder / "out/manifest.jsonl")
     record = (folder / "out/.state/records").read_bytes()
     (folder / seed.path).unlink()
     (folder / "out" / seed.result).unlink()

@@ -21,8 +21,6 @@ _PACKED = 1 << 10
 
 
 class FileKind(NamedTuple):
-    """A kind of file that is read."""
-
     title: str  # As the head of an inspection calls it
     #: As a remark says that it was found.
     found: str

@@ -135,6 +135,7 @@ class Recovery:
 
     def document(self) -> dict[str, Any]:
         """Tell a machine, ready for JSON; null where not known."""
+        of_bytes = "bytes" if self.whole_known else "bytes that are there"
         return {
             "damage": list(self.damage),
             "what": self.what,
@@ -142,13 +143,7 @@ class Recovery:
             "expected": self.expected,
             "set_aside": self.aside,
             "fraction": self.fraction,
-            "fraction_of": (
-                self.what
-                if self.expected or not self.damaged
-                else "bytes"
-                if self.whole_known
-                else "bytes that are there"
-            ),
+            "fraction_of": self.what if self.expected or not self.damaged else of_bytes,
             "lost_s": self.lost_s if self.lost or not self.damaged else None,
             "lost_at_least_s": self.lost_at_least_s,
             "lost": [[None if end is None else end * NS for end in stretch] for stretch in self.lost],

@@ -212,7 +212,7 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
 
         source = DelimitedSource(path, file, salvage=salvage)
     else:
-        from formats.rosbag import BagSource
+        from formats.rosbag.bag_source import BagSource
 
         source = BagSource(path, kind, salvage=salvage)
     if promised_kind(path) not in (None, source.kind):
@@ -288,7 +288,7 @@ def _open_linked(path: str, *, salvage: bool) -> Source:
 def _open_folder(path: str, *, salvage: bool) -> Source:
     metadata = Path(path) / "metadata.yaml"
     if metadata.is_file():
-        from formats.rosbag import BagSource
+        from formats.rosbag.bag_source import BagSource
 
         with metadata.open(encoding="utf-8", errors="replace") as file:
             text = file.read(METADATA_BYTES)

@@ -121,7 +121,6 @@ class Pages:
         return [*below, right]
 
     def overflow(self, cell: PageCell) -> list[int]:
-        """Return the further pages of a cell."""
         pages = []
         needed = -(-(cell.size - (cell.end - cell.begin)) // (self.usable - 4))
         following = cell.overflow

@@ -12,7 +12,7 @@ import pytest
 from simulator import DRY_SAND, Clock, Drive, Track, simulate
 from simulator.logs import write_ros1
 
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 from terrain_cli import rover as rovers
 from terrain_cli.app import main
 from terrain_cli.presentation.inspection import inspect, text

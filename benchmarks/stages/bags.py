@@ -12,7 +12,7 @@ from rosbags.rosbag2.storage_mcap import McapReader, decompress
 
 from benchmarks import rover_bag
 from benchmarks.harness import Case, Stage
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 from formats.rosbag.storage.ros1 import Ros1File
 
 if TYPE_CHECKING:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import shutil
 from collections.abc import Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +21,7 @@ from formats.errors import CannotWriteError
 from formats.output.whole_files import explained, replacing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
     from rosbags.typesys.store import Typestore
@@ -52,15 +51,21 @@ class Topic:
 def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
     """Write a bag ("ros1", "mcap" or "db3"), whole or not at all; a folder of ROS 2 ends in a slash."""
     if destination.endswith("/"):
-        with _new_folder(destination) as folder:
-            _write_ros2(topics, folder, kind)
+        target = Path(destination)
+        with explained(destination):
+            if target.exists():
+                raise CannotWriteError(destination, "is there already", hint="remove it, or name another")
+            with TemporaryDirectory(dir=target.parent) as scratch:
+                # The files in it have the name of the folder.
+                written = Path(scratch) / target.name
+                _write_ros2(topics, written, kind)
+                written.rename(target)
         return
     with replacing(destination) as temporary, TemporaryDirectory(dir=Path(temporary).parent) as scratch:
         inner = Path(scratch) / _NAME
         if kind == "ros1":
-            store = get_typestore(Stores.ROS1_NOETIC)
             with Ros1Writer(inner) as writer:
-                _add(writer, store, store.serialize_ros1, topics)
+                _add(writer, get_typestore(Stores.ROS1_NOETIC), topics)
             written = inner
         else:
             _write_ros2(topics, inner, kind)
@@ -68,31 +73,14 @@ def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
         shutil.move(written, temporary)
 
 
-@contextmanager
-def _new_folder(destination: str) -> Iterator[Path]:
-    target = Path(destination)
-    with explained(destination):
-        if target.exists():
-            raise CannotWriteError(destination, "is there already", hint="remove it, or name another")
-        with TemporaryDirectory(dir=target.parent) as scratch:
-            # The files in it have the name of the folder.
-            yield Path(scratch) / target.name
-            (Path(scratch) / target.name).rename(target)
-
-
 def _write_ros2(topics: Sequence[Topic], path: Path, kind: str) -> None:
     with Ros2Writer(path, version=Ros2Writer.VERSION_LATEST, storage_plugin=_STORAGE[kind]) as writer:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        _add(writer, store, store.serialize_cdr, topics)
+        _add(writer, get_typestore(Stores.ROS2_HUMBLE), topics)
 
 
-def _add(
-    writer: Ros1Writer | Ros2Writer,
-    store: Typestore,
-    serialize: Callable[[object, str], bytes | memoryview],
-    topics: Sequence[Topic],
-) -> None:
+def _add(writer: Ros1Writer | Ros2Writer, store: Typestore, topics: Sequence[Topic]) -> None:
     """Write messages, of topics that are there already or not."""
+    serialize = store.serialize_ros1 if isinstance(writer, Ros1Writer) else store.serialize_cdr
     there = {connection.topic: connection for connection in writer.connections}
     for topic in topics:
         if topic.definition and topic.type not in store.fielddefs:
@@ -137,7 +125,7 @@ class GrowingBag:
     def add(self, topics: Sequence[Topic]) -> None:
         """Write messages as a chunk of their own, which can be read at once; a topic keeps its type."""
         with explained(self._destination):
-            _add(self._writer, self._store, self._store.serialize_cdr, topics)
+            _add(self._writer, self._store, topics)
             storage: Any = self._writer.storage
             storage.close_chunk()
             storage.bio.flush()

@@ -196,17 +196,11 @@ class BagSource(Source):
                     kinds = f"{leaves[leaf.name].kind} to one publisher and {leaf.kind} to another"
                     self.remarks.append(f"{name}: {leaf.name} is {kinds}; only the former is read")
         start, end = self._container.span(topic.places) or (None, None)
-        return Stream(
-            topic=name,
-            type=connections[topic.places[0]].msgtype,
-            fields=tuple(
-                Field(leaf.name, leaf.kind, elements.get(leaf.name, ((), False))[0][:MOST_ELEMENTS])
-                for leaf in leaves.values()
-            ),
-            count=sum(connections[place].msgcount for place in topic.places),
-            start=start,
-            end=end,
-        )
+        told = {of: texts[:MOST_ELEMENTS] for of, (texts, _) in elements.items()}
+        fields = tuple(Field(leaf.name, leaf.kind, told.get(leaf.name, ())) for leaf in leaves.values())
+        kind = connections[topic.places[0]].msgtype
+        count = sum(connections[place].msgcount for place in topic.places)
+        return Stream(topic=name, type=kind, fields=fields, count=count, start=start, end=end)
 
     def _definition(self, connection: Connection) -> Definition:
         """Return the definition of a type; wheels of one kind often have a topic each."""

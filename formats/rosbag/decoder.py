@@ -57,7 +57,6 @@ def first_elements(definition: Definition, message: Messages, lists: Sequence[Le
 
 
 def decoded(definition: Definition, payload: bytes, row: int = 0) -> object:
-    """Decode one message by rosbags."""
     try:
         store = definition.store
         decode = store.deserialize_ros1 if definition.ros1 else store.deserialize_cdr

@@ -95,8 +95,6 @@ class Leaf:
 
 @dataclass(frozen=True, slots=True)
 class FieldRequest:
-    """What is asked of each message."""
-
     asked: str  # As the caller wrote it
     field: str  # Name of the leaf
     kind: Kind  # What comes out, one per message
@@ -138,7 +136,6 @@ class Definition:
 
 
 def members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
-    """Return the names and types of a message's members."""
     if type_name not in types:
         raise UnusableError(f"the definition of {type_name} is missing")
     return types[type_name][1]

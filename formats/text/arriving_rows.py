@@ -13,7 +13,7 @@ from formats.content import BAGS, COMPRESSED, FILE_KINDS, HEAD_BYTES, content
 from formats.errors import FormatError
 from formats.table import Field, Source, Stream
 from formats.text import unguarded
-from formats.text.cell_values import MISSING, Names, kind_of, numbers, times
+from formats.text.cell_values import Names, kind_of, numbers, of_texts, times
 from formats.text.dialect import examine, split_line
 
 if TYPE_CHECKING:
@@ -168,8 +168,7 @@ class ArrivingRows(Source):
         kind = self._kinds[name]
         if kind == "text":
             return self._names.setdefault(name, Names(unguarded)).labels(pa.array(cells, pa.string()))
-        array = pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())
-        found, bad = times(array) if kind == "time" else numbers(array, self._decimal)
+        found, bad = times(of_texts(cells)) if kind == "time" else numbers(of_texts(cells), self._decimal)
         self.cells[name] += int(bad.sum())
         return found
 

@@ -22,7 +22,7 @@ import pyarrow.csv as pc
 from formats.table import Labels
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -192,6 +192,22 @@ def _nanoseconds(cell: str | None) -> Any:
     return np.datetime64(ns, "ns") if -_NS_LIMIT < ns < _NS_LIMIT else np.datetime64("NaT", "ns")
 
 
+def conversion(kinds: Mapping[int, pa.DataType], decimal: str) -> pc.ConvertOptions:
+    """Say what pyarrow makes of some columns, whose names are their places."""
+    return pc.ConvertOptions(
+        include_columns=list(map(str, kinds)),
+        column_types={str(place): kind for place, kind in kinds.items()},
+        strings_can_be_null=True,
+        null_values=list(MISSING_SPELLINGS),
+        decimal_point=decimal,
+    )
+
+
+def of_texts(cells: Iterable[str]) -> pa.Array:
+    """Return texts as pyarrow holds them, null where a value is missing."""
+    return pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())
+
+
 class OddError(Exception):
     """There is something that needs the texts of cells, or their rows looked at."""
 
@@ -202,14 +218,7 @@ def columns(
     """Read those of `width` columns that are in `kinds`; before an OddError what came is right."""
     # Odd is a row of other width, a cell that is no number or loses digits, a quote mark, a NUL byte.
     names = [str(place) for place in range(width)]
-    convert = pc.ConvertOptions(
-        include_columns=[names[place] for place in kinds],
-        column_types={names[place]: kind for place, kind in kinds.items()},
-        strings_can_be_null=True,
-        null_values=list(MISSING_SPELLINGS),
-        decimal_point=decimal,
-    )
-    parse = partial(_parse, names=names, delimiter=delimiter, convert=convert)
+    parse = partial(_parse, names=names, delimiter=delimiter, convert=conversion(kinds, decimal))
     with ThreadPoolExecutor(_THREADS) as pool:
         waiting: deque[Future[list[pa.Array]]] = deque()
         for piece in _pieces(stream):

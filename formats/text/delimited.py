@@ -16,7 +16,7 @@ from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
 from formats.table import BATCH_ROWS, Field, Source, Stream
 from formats.text import cell_values, unguarded
-from formats.text.cell_values import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
+from formats.text.cell_values import Names, floats, kind_of, numbers, times
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 
 if TYPE_CHECKING:
@@ -171,7 +171,8 @@ class DelimitedSource(Source):
         uneven: list[tuple[int, str]] = []
 
         def keep(row: Any) -> str:
-            uneven.append((row.number, row.text))
+            # The parser counts the rows of data from 1.
+            uneven.append((self._dialect.first_row - 1 + row.number, row.text))
             return "skip"
 
         self.skipped = 0
@@ -185,12 +186,7 @@ class DelimitedSource(Source):
                 parse_options=pc.ParseOptions(
                     delimiter=self._dialect.delimiter, newlines_in_values=True, invalid_row_handler=keep
                 ),
-                convert_options=pc.ConvertOptions(
-                    include_columns=[keys[j] for j in places],
-                    column_types=dict.fromkeys(keys, pa.string()),
-                    strings_can_be_null=True,
-                    null_values=list(MISSING_SPELLINGS),
-                ),
+                convert_options=cell_values.conversion(dict.fromkeys(places, pa.string()), "."),
             )
             for batch in reader:
                 yield mend(batch.columns)
@@ -246,29 +242,23 @@ class _Mending:
         # Uneven rows behind the last even one of a block wait for the next, for the parser reads ahead.
         count = len(block[0])
         here = 0
-        while here < len(self.uneven) and (last or self._number(here) - self.row - here < count):
+        while here < len(self.uneven) and (last or self.uneven[here][0] - self.row - here < count):
             here += 1
         rows = np.arange(self.row, self.row + count + here)
         self.row += len(rows)
         if not here:
             return rows, block
-        even = np.delete(rows, [self._number(j) - rows[0] for j in range(here)])
-        mended: list[tuple[int, list[str]]] = []
-        for j in range(here):
-            fields = self._fields(self._number(j), self.uneven[j][1], cut=cut and j == here - 1)
-            if fields:
-                mended.append((self._number(j), fields))
-        del self.uneven[:here]
-        added = np.array([number for number, _ in mended], dtype=np.int64)
-        rows = np.concatenate([even, added])
+        own, self.uneven[:here] = self.uneven[:here], []
+        even = np.delete(rows, [number - rows[0] for number, _ in own])
+        mended = {n: self._fields(n, text, cut=cut and n == own[-1][0]) for n, text in own}
+        added = {number: fields for number, fields in mended.items() if fields}
+        rows = np.concatenate([even, np.array(list(added), dtype=np.int64)])
         order = np.argsort(rows, kind="stable")
-        both = [(cells, self._cells(place, mended)) for cells, place in zip(block, self.places, strict=True)]
-        filled = [pa.concat_arrays(pair).take(pa.array(order)) for pair in both]
+        filled = []
+        for cells, place in zip(block, self.places, strict=True):
+            texts = (fields[place] if place < len(fields) else "" for fields in added.values())
+            filled.append(pa.concat_arrays([cells, cell_values.of_texts(texts)]).take(pa.array(order)))
         return rows[order], filled
-
-    def _number(self, j: int) -> int:
-        # The parser counts the rows of data from 1.
-        return self.dialect.first_row - 1 + self.uneven[j][0]
 
     def _fields(self, row: int, text: str, *, cut: bool) -> list[str]:
         """Split an uneven row; nothing where it is set aside."""
@@ -292,8 +282,3 @@ class _Mending:
 
     def _note(self, key: str, first: str) -> None:
         self.findings.setdefault(("rows", key), _Finding(first, "rows")).count += 1
-
-    @staticmethod
-    def _cells(place: int, mended: list[tuple[int, list[str]]]) -> pa.Array:
-        cells = [fields[place] if place < len(fields) else "" for _, fields in mended]
-        return pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())

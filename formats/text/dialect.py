@@ -25,8 +25,6 @@ SAMPLE_ROWS = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """How a text table is written."""
-
     delimiter: str
     decimal: str
     names: tuple[str, ...]  # One for each field of a row; empty where the header names none

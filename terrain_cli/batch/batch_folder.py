@@ -13,6 +13,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+from contextlib import ExitStack, closing
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,14 +21,15 @@ from typing import TYPE_CHECKING
 from formats.errors import CannotWriteError, DamagedError, shown
 from formats.output.whole_files import explained
 from terrain_cli.batch import manifest
-from terrain_cli.batch.manifest import Manifest, ManifestEntry, Pointer, Records
+from terrain_cli.batch.manifest import GrowingFile, ManifestEntry, Pointer, Records
 
 if TYPE_CHECKING:
     from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.worker_tasks import Order
 
 MANIFEST, RESULTS, CONFIGURATIONS, STATE = "manifest.jsonl", "results", "configurations", ".state"
-_LOCK, _RECORDS, _NEW, _ASSEMBLED = "lock", "records", "new", "assembled"
+_LOCK, _RECORDS, _NEW = "lock", "records", "new"
+ASSEMBLED = f"{STATE}/assembled"  # Of what the mission table in the folder was made
 #: What is written to where it lies; all else is made anew and put in its place.
 GROWING = (MANIFEST, f"{STATE}/{_LOCK}", f"{STATE}/{_RECORDS}")
 #: Bytes of an input's own name in that of its result, of the 255 that file systems take.
@@ -41,28 +43,23 @@ class Folder:
         self.path = Path(path)
         self._root = Path(os.path.realpath(path))
         self.state = self.path / STATE
-        self._lock = -1
         self.records: Records | None = None
+        self._opened = ExitStack()
+        self.close = self._opened.close
         if writable:
             self._take()
-        self.manifest = Manifest(self.path / MANIFEST, writable=writable)
+        entries, size = manifest.entries_of(self.path / MANIFEST)
         self.latest: dict[str, ManifestEntry] = {}
         self.holders: dict[tuple[str, str], str] = {}
         self.kept: dict[tuple[str, str], Pointer] = {}
-        for entry in self.manifest.entries:
+        for entry in entries:
             self._note(entry)
         if writable:
+            self._manifest = self._opened.enter_context(closing(GrowingFile(self.path / MANIFEST, size)))
             pointers = self.kept.values()
             end = max((offset + length for offset, length, _ in pointers), default=0)
-            self.records = Records(self.state / _RECORDS, end)
+            self.records = self._opened.enter_context(closing(Records(self.state / _RECORDS, end)))
             self.kept = {key: kept for key, kept in self.kept.items() if self.records.read(kept)}
-
-    def close(self) -> None:
-        self.manifest.close()
-        if self.records:
-            self.records.close()
-        if self._lock >= 0:
-            os.close(self._lock)
 
     def _take(self) -> None:
         if shown(str(self.path)) != str(self.path):
@@ -74,21 +71,22 @@ class Folder:
                     raise CannotWriteError(str(folder), "is a link: a batch writes in its own folder")
                 folder.mkdir(exist_ok=True)
             # The lock is the system's, and dies with the process; the file only shows where it is.
-            lock = self.state / _LOCK
-            self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+            lock = os.open(self.state / _LOCK, flags, 0o666)
+            self._opened.callback(os.close, lock)
             try:
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                holder = os.pread(self._lock, 32, 0).decode("ascii", "replace").strip()
-                os.close(self._lock)
+                holder = os.pread(lock, 32, 0).decode("ascii", "replace").strip()
+                self.close()
                 what = f"another batch is at work here (process {holder or 'unknown'})"
                 hint = "wait for its end, or give another folder with -o"
                 raise CannotWriteError(str(self.path), what, hint=hint) from None
-            os.ftruncate(self._lock, 0)
-            os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
+            os.ftruncate(lock, 0)
+            os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)
             for rest in self.state.iterdir():
                 # Half-written files of a process that was killed.
-                if rest.name not in {_LOCK, _RECORDS, _ASSEMBLED} and not rest.is_dir():
+                if rest.name not in {_LOCK, _RECORDS, Path(ASSEMBLED).name} and not rest.is_dir():
                     rest.unlink()
 
     def _note(self, entry: ManifestEntry) -> None:
@@ -108,7 +106,7 @@ class Folder:
             self.kept[key] = entry.record
 
     def add(self, entry: ManifestEntry) -> None:
-        self.manifest.add(entry)
+        self._manifest.append(entry.line())
         self._note(entry)
 
     def record(self, key: tuple[str, str]) -> bytes | None:
@@ -118,15 +116,6 @@ class Folder:
 
     def put(self, name: str, data: bytes) -> None:
         manifest.put(data, self.state / _NEW, self.path / name)
-
-    @property
-    def assembled(self) -> bytes:
-        """What the mission table in the folder was made of, as it was noted."""
-        return b"".join(manifest.lines(self.state / _ASSEMBLED))
-
-    @assembled.setter
-    def assembled(self, note: bytes) -> None:
-        manifest.put(note, self.state / _NEW, self.state / _ASSEMBLED)
 
     def remove(self, name: str | None) -> None:
         """Remove a file that is not to be taken for a result any more."""
@@ -166,7 +155,6 @@ def belongs(root: Path, file: str) -> bool:
 
 
 def is_batch(path: str) -> bool:
-    """Tell whether a batch has written into a folder."""
     return os.path.isfile(Path(path, STATE, _RECORDS))  # noqa: PTH113 - Path may raise
 
 

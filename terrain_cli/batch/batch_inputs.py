@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Input:
-    """One input, as it was found."""
-
     path: str  # As it was named, for people and for the column `source`
     location: str  # Its absolute path, or its address: what makes it the same input next time
     size: int | None  # Bytes; of a folder, of all its files
@@ -97,10 +95,6 @@ def _in_store(name: str) -> list[Input]:
         return [Input(name, name, None, None, _store_failure(name, error))]
 
 
-def look(address: str) -> Input:
-    return _look_in(_open(address)[0], address)
-
-
 def _look_in(store: Any, address: str) -> Input:
     try:
         info = store.info(store._strip_protocol(address))  # noqa: SLF001 - fsspec's own name for it
@@ -131,7 +125,7 @@ def copied(item: Input, largest: int) -> Iterator[str]:
         size = copy.tell()
         if item.size is not None and size != item.size:
             raise NotFoundError(item.path, f"gave {size} of {item.size} bytes", hint="run again")
-        if look(item.location).stamp != item.stamp:
+        if _look_in(_open(item.location)[0], item.location).stamp != item.stamp:
             raise NotFoundError(item.path, "was written to while it was read", hint="run again")
         yield name
 

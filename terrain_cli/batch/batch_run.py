@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 from formats.source import natural
 from terrain_cli.batch import batch_folder, batch_inputs, manifest
-from terrain_cli.batch.batch_folder import CONFIGURATIONS, STATE, Folder
+from terrain_cli.batch.batch_folder import ASSEMBLED, CONFIGURATIONS, STATE, Folder
 from terrain_cli.batch.batch_inputs import Arrivals, Input
 from terrain_cli.batch.coordinator import Keeper, Tally
 from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records, decode
-from terrain_cli.batch.worker_pool import LocalPool, Pool
+from terrain_cli.batch.worker_pool import LocalPool
 from terrain_cli.batch.worker_tasks import Order, Reply
 from terrain_cli.errors import InputError, TerrainError, UnfinishedError
 from terrain_cli.presentation.terminal import as_json
@@ -29,9 +29,10 @@ from terrain_cli.presentation.terminal import as_json
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from terrain_cli.batch.dask_cluster import Cluster
+    from terrain_cli.batch.worker_tasks import Configuration
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.run.settings import Settings
 
     Report = Callable[[Tally], None]
 TABLE, SUMMARY = "segments", "summary.json"
@@ -45,8 +46,6 @@ _PAUSE = 10  # And at least so many times as long as such a look takes
 
 @dataclass(frozen=True)
 class MissionPart:
-    """One content of the mission."""
-
     path: str
     record: Pointer
     configuration: str  # It was computed with
@@ -100,15 +99,14 @@ def _order(entry: ManifestEntry) -> tuple[list[tuple[int, int | str]], str]:
     return natural(entry.path), entry.location
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Assemble:
     """Writes table and summary ready to be placed, in a process of its own: the keeper stays small."""
 
     folder: str
     parts: Sequence[MissionPart]
     account: Mapping[str, Any]
-    settings: Settings
-    crs: str | None
+    configuration: Configuration
     kinds: Sequence[str]
 
     def run(self) -> Reply:
@@ -141,7 +139,7 @@ class Assemble:
         channels: dict[str, dict[str, str]] = {}
         for block in self._blocks():
             table = segment_table.join([rows for rows, _, _ in block])
-            systems.add(segment_table.reference_system(table, self.crs))
+            systems.add(segment_table.reference_system(table, self.configuration.crs))
             tables.append({name: table[name] for name in summary.COLUMNS})
             estimates.append(estimation.join([some for _, some, _ in block]))
             for _, _, told in block:
@@ -150,7 +148,10 @@ class Assemble:
                     wheel["channels"] = channels.setdefault(json.dumps(wheel["channels"]), wheel["channels"])
                 accounts.append(told)
         document = summary.document(
-            segment_table.join(tables), estimation.join(estimates), accounts, self.settings.document()
+            segment_table.join(tables),
+            estimation.join(estimates),
+            accounts,
+            self.configuration.settings.document(),
         )
         return {"batch": batch, **document}, next(iter(systems - {None}), None)
 
@@ -173,8 +174,7 @@ class Assemble:
     def _blocks(self) -> Iterator[list[tuple[Table, WindowEstimates, dict[str, Any]]]]:
         if not self.parts:
             return
-        file = Records(Path(self.folder, STATE, "records"))
-        with closing(file):
+        with closing(Records(Path(self.folder, STATE, "records"))) as file:
             for first in range(0, len(self.parts), _AT_ONCE):
                 some = self.parts[first : first + _AT_ONCE]
                 yield [decode(self._record(file, part), part.path) for part in some]
@@ -224,7 +224,7 @@ def run(
     return keeper.tally
 
 
-def _workers(order: Order) -> Pool:
+def _workers(order: Order) -> LocalPool | Cluster:
     if order.scheduler is None:
         return LocalPool(order.jobs, order.timeout, order.memory)
     from terrain_cli.batch.dask_cluster import Cluster
@@ -268,18 +268,10 @@ def _assemble(folder: Folder, order: Order) -> None:
         sizes = [path.lstat().st_size if path.exists() else None for path in here]
         return f"{digest} {sizes}\n".encode()
 
-    if folder.assembled == note():
+    if b"".join(manifest.lines(folder.path / ASSEMBLED)) == note():
         return
-    task = Assemble(
-        folder=str(folder.path),
-        parts=parts,
-        account=account,
-        settings=order.configuration.settings,
-        crs=order.configuration.crs,
-        kinds=kinds,
-    )
     with closing(LocalPool(1)) as desk:
-        desk.submit(0, task)
+        desk.submit(0, Assemble(str(folder.path), parts, account, order.configuration, kinds))
         done: list[tuple[int, Reply]] = []
         while not done:
             done = desk.collect(_TICK)
@@ -294,4 +286,4 @@ def _assemble(folder: Folder, order: Order) -> None:
         raise error
     for name in names:
         manifest.place(folder.state / name, folder.path / name)
-    folder.assembled = note()
+    folder.put(ASSEMBLED, note())

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from terrain_cli.batch.batch_inputs import Input
-    from terrain_cli.batch.worker_pool import Pool
+    from terrain_cli.batch.dask_cluster import Cluster
+    from terrain_cli.batch.worker_pool import LocalPool
 
 _OVERHEAD = 1_000_000  # What an input costs beyond its bytes, in bytes: for the time that remains
 
@@ -67,7 +68,7 @@ class Keeper:
     candidate waits until the contents of all earlier ones of its size are known.
     """
 
-    def __init__(self, folder: Folder, pool: Pool, order: Order) -> None:
+    def __init__(self, folder: Folder, pool: LocalPool | Cluster, order: Order) -> None:
         self._folder, self._pool, self._order = folder, pool, order
         self.tally = Tally()
         self._queue: deque[_Case] = deque()
@@ -228,15 +229,9 @@ class Keeper:
         self._write(case, entry)
 
     def _failed(self, case: _Case, reply: Reply, why: Failure) -> ManifestEntry:
-        return replace(
-            self._entry(case, reply),
-            status="failed",
-            error_class=why.error_class,
-            error=why.error if case.item.path in why.error else f"{case.item.path}: {why.error}",
-            hint=why.hint or None,
-            exit_code=why.exit_code,
-            passing=why.passing,
-        )
+        error = why.error if case.item.path in why.error else f"{case.item.path}: {why.error}"
+        told = {**vars(why), "error": error, "hint": why.hint or None}
+        return replace(self._entry(case, reply), status="failed", **told)
 
     def _configuration(self, case: _Case) -> str:
         return case.configuration or self._order.configuration.hash

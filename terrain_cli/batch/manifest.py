@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal
 
-from formats.errors import CannotWriteError
 from formats.output.whole_files import explained
 from terrain_cli.processes import ENDINGS
 
@@ -72,10 +71,10 @@ def write_all(descriptor: int, data: bytes) -> None:
         view = view[os.write(descriptor, view) :]
 
 
-class _GrowingFile:
+class GrowingFile:
     """A file that is only ever added to, all or nothing, so that it outlasts a loss of power."""
 
-    def __init__(self, path: Path, end: int | None) -> None:
+    def __init__(self, path: Path, end: int | None = None) -> None:
         """Open it, and forget what follows its `end`; without one it is only to be read."""
         self._path = str(path)
         with explained(self._path):
@@ -189,33 +188,17 @@ def parse(line: bytes) -> ManifestEntry | None:
     return ManifestEntry(**known)
 
 
-class Manifest:
-    """The entries of a batch, as they were written; lines that cannot be read do not count."""
-
-    def __init__(self, path: Path, *, writable: bool = True) -> None:
-        self._path = path
-        self.entries: list[ManifestEntry] = []
-        size = 0
-        for line in lines(path):
-            if not line.endswith(b"\n"):
-                # It was being written when the process died.
-                break
-            size += len(line)
-            if entry := parse(line):
-                self.entries.append(entry)
-        self._file = _GrowingFile(path, size) if writable else None
-
-    def add(self, entry: ManifestEntry) -> None:
-        """Write an entry, so that it outlasts a loss of power, or nothing of it."""
-        if self._file is None:
-            raise CannotWriteError(str(self._path), "was opened to be read")
-        self._file.append(entry.line())
-        self.entries.append(entry)
-
-    def close(self) -> None:
-        if self._file:
-            self._file.close()
-            self._file = None
+def entries_of(path: Path) -> tuple[list[ManifestEntry], int]:
+    """Return the entries of a manifest, less lines that cannot be read, and the bytes of its whole lines."""
+    entries, size = [], 0
+    for line in lines(path):
+        if not line.endswith(b"\n"):
+            # It was being written when the process died.
+            break
+        size += len(line)
+        if entry := parse(line):
+            entries.append(entry)
+    return entries, size
 
 
 #: Offset and bytes in the file, and the beginning of their hash.
@@ -224,17 +207,13 @@ _ACCOUNT = b"account"
 _SI = "si:"  # Sets the columns of the estimates apart from those of the table
 
 
-class Records:
+class Records(GrowingFile):
     """The file of records; without the `end` of the last one that the manifest knows, only to be read."""
-
-    def __init__(self, path: Path, end: int | None = None) -> None:
-        self._file = _GrowingFile(path, end)
-        self.close = self._file.close
 
     def add(self, record: bytes) -> Pointer:
         """Add a record, so that it outlasts a loss of power; or leave the file as it was."""
-        offset = self._file.size
-        self._file.append(record)
+        offset = self.size
+        self.append(record)
         return offset, len(record), _digest(record)
 
     def read(self, pointer: Pointer) -> bytes | None:
@@ -242,7 +221,7 @@ class Records:
         offset, length, digest = pointer
         parts = []
         while length > 0:
-            part = os.pread(self._file.descriptor, length, offset)
+            part = os.pread(self.descriptor, length, offset)
             if not part:
                 return None
             parts.append(part)

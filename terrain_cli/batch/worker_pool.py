@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from multiprocessing.connection import wait
-from typing import Protocol
+from typing import BinaryIO
 
 from terrain_cli import processes
 from terrain_cli.batch.worker_tasks import Failure, Reply, Task, failure
@@ -27,15 +27,15 @@ _HEADER = struct.Struct("!Q")
 _BLOCK = 1 << 20
 #: The process gets the module path of its parent: it may not be installed, or be another one.
 _START = """\
-import sys, pickle, socket, struct
+import sys, pickle, socket
 link = socket.socket(fileno={})
-size = struct.unpack("!Q", link.recv(8, socket.MSG_WAITALL))[0]
-sys.path[:], parent, memory = pickle.loads(link.recv(size, socket.MSG_WAITALL))
+orders = link.makefile("rb")
+sys.path[:], parent, memory = pickle.load(orders)
 if memory is not None:
     import resource
     resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
 from terrain_cli.batch.worker_pool import serve
-serve(link, parent)
+serve(link, orders, parent)
 """
 #: One worker for each core is enough: threads of their own would only be in each other's way, and
 #: their number must not decide on the last digit of a sum.
@@ -135,7 +135,7 @@ class Child:
         self._link.settimeout(_PATIENCE)
         # A process that has died is found out by who waits for its answer.
         with contextlib.suppress(OSError):
-            _send(self._link, message)
+            self._link.sendall(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
         self._link.setblocking(False)
 
     def _lost(self) -> Reply:
@@ -165,37 +165,29 @@ class Child:
         return Reply(failure=why, seconds=time.monotonic() - self._started)
 
 
-def _send(link: socket.socket, message: object) -> None:
-    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+def _answer(link: socket.socket, reply: Reply | None) -> None:
+    data = pickle.dumps(reply, pickle.HIGHEST_PROTOCOL)
     link.sendall(_HEADER.pack(len(data)) + data)
 
 
-def _exactly(link: socket.socket, size: int) -> bytearray:
-    data = bytearray()
-    while len(data) < size:
-        part = link.recv(min(size - len(data), _BLOCK))
-        if not part:
-            # The keeper is gone.
-            os._exit(0)
-        data += part
-    return data
-
-
-def serve(link: socket.socket, parent: int) -> None:
+def serve(link: socket.socket, orders: BinaryIO, parent: int) -> None:
     """Do tasks until there are none: the life of a worker process."""
     _die_with(parent)
     # Now, so that it does not count as time of the first task.
     from terrain_cli.run import one_log  # noqa: F401
 
-    _send(link, None)
+    _answer(link, None)
     while True:
-        size = _HEADER.unpack(_exactly(link, _HEADER.size))[0]
-        task: Task = pickle.loads(_exactly(link, size))  # noqa: S301 - of our own parent
+        try:
+            task: Task = pickle.load(orders)  # noqa: S301 - of our own parent
+        except (EOFError, pickle.UnpicklingError):
+            # The keeper is gone.
+            os._exit(0)
         try:
             reply = task.run()
         except Exception as error:  # noqa: BLE001 - one task must not stop the rest
             reply = Reply(failure=failure(error))
-        _send(link, reply)
+        _answer(link, reply)
 
 
 def _die_with(parent: int) -> None:
@@ -209,16 +201,6 @@ def _die_with(parent: int) -> None:
         os._exit(0)
 
 
-class Pool(Protocol):
-    """Workers, wherever they are."""
-
-    @property
-    def free(self) -> int: ...  # How many tasks may be submitted
-    def submit(self, ticket: int, task: Task) -> None: ...
-    def collect(self, seconds: float) -> list[tuple[int, Reply]]: ...  # Wait so long for the first
-    def close(self) -> None: ...
-
-
 class LocalPool:
     """Processes on this machine. One that dies or hangs costs its own task, and is replaced."""
 
@@ -230,6 +212,7 @@ class LocalPool:
 
     @property
     def free(self) -> int:
+        """How many tasks may be submitted."""
         return self._jobs - len(self._busy)
 
     def submit(self, ticket: int, task: Task) -> None:
@@ -244,6 +227,7 @@ class LocalPool:
         self._busy[Child(*self._limits)] = ticket, task
 
     def collect(self, seconds: float) -> list[tuple[int, Reply]]:
+        """Wait so long for the first answer, and return those that have come, with their tickets."""
         now = time.monotonic()
         patience = min([seconds, *(max(child.deadline - now, 0.0) for child in self._busy)])
         wait([child.fileno() for child in self._busy], patience)

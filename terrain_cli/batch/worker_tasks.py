@@ -61,11 +61,6 @@ class Configuration:
         options = self.document["options"]
         return _hash({**self.document, "options": {**options, "salvage": not options["salvage"]}})
 
-    @property
-    def resolved(self) -> Settings:
-        """The settings with the model itself in place of its path."""
-        return self.settings if self.model is None else replace(self.settings, model=self.model)
-
 
 def gather(rover: Rover, settings: Settings, crs: str | None) -> Configuration:
     """Read all that decides on the numbers."""
@@ -212,8 +207,10 @@ class Estimate:
     def _estimate(self, path: str, reply: Reply) -> None:
         from terrain_cli.run import one_log
 
-        configuration = self.order.configuration
-        outcome = one_log.run(path, configuration.rover, configuration.resolved)
+        given = self.order.configuration
+        # The model itself stands in place of its path.
+        settings = given.settings if given.model is None else replace(given.settings, model=given.model)
+        outcome = one_log.run(path, given.rover, settings)
         reply.told = _told(outcome.account)
         if outcome.error:
             raise outcome.error

@@ -11,13 +11,13 @@ import numpy as np
 
 import formats
 from formats.content import FILE_KINDS
-from terrain_cli import telemetry
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.rover.vehicle import FILE_NAME
-from terrain_cli.telemetry import Plan, bags, rover_advice, topic_discovery
+from terrain_cli.telemetry import bags, rover_advice, topic_discovery
 from terrain_cli.telemetry.alignment import seconds
-from terrain_cli.telemetry.mapping import is_table
+from terrain_cli.telemetry.assembly import Request, assemble, lacking, wheel_of
+from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.raw_columns import read_topics, stamps
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from formats import Column, Source, Stream
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.wheel_samples import Raw
+    from terrain_cli.telemetry.wheel_samples import Plan, Raw
     from terrain_cli.vocabulary.arrays import Array
 
 FORMAT = "terrain-est/inspection/1"
@@ -84,14 +84,15 @@ class Holdings(NamedTuple):
 
 def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Holdings:
     """Find the channels of every wheel of a log; what is missing is no error."""
-    layout = telemetry.plan(source, rover)
-    tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
-    raws = read_raw(layout, rover, CHANNELS, named=wheels, topics=tables)
+    layout = plan(source, rover)
+    request = Request(layout=layout, rover=rover, wheels=wheels)
+    tables = None if is_table(source) else read_topics(source, bags.fields(request))
+    raws = read_raw(request, [], tables)
     clock = layout.no_time
     doubts = (
         [rover_advice.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))] if clock else []
     )
-    lacks = {raw.wheel: [*doubts, *telemetry.lacking(raw, rover)] for raw in raws}
+    lacks = {raw.wheel: [*doubts, *lacking(raw, rover)] for raw in raws}
     return Holdings(layout, tables, raws, lacks)
 
 
@@ -142,7 +143,7 @@ def _rate(time: Array) -> dict[str, Any]:
 def _wheel(
     source: Source, layout: Plan, raw: Raw, rover: Rover, lacks: Sequence[rover_advice.Lack]
 ) -> dict[str, Any]:
-    derived, _ = rover_advice.routes(raw.channels, telemetry.wheel_of(raw, rover), rover)
+    derived, _ = rover_advice.routes(raw.channels, wheel_of(raw, rover), rover)
     entry: dict[str, Any] = {"wheel": raw.wheel, "samples": len(raw)}
     if raw.time is not None:
         known = raw.time[np.isfinite(raw.time)]
@@ -160,7 +161,7 @@ def _wheel(
     if lacks:
         return entry
     try:
-        judged = telemetry.assemble(layout, raw, rover)
+        judged = assemble(Request(layout=layout, rover=rover), raw)
     except InputError as error:
         # A unit is wrong: that of the clock, unless it says of which channel.
         entry["missing"] = [{"what": getattr(error, "channel", "time"), "because": str(error)}]

@@ -100,8 +100,6 @@ class Wheel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rover:
-    """All that rover.toml says."""
-
     path: Path | None = None
     #: [wheel], [channels] and [motor]: every wheel of a file that names none.
     default: Wheel = field(default_factory=Wheel)
@@ -136,15 +134,6 @@ class Rover:
             raise ConfigurationError(f"{self.label}: {what}", hint="choose it with --wheel NAME")
         what = f"no [wheels.{name}] for wheel {name!r} of the data{nearest(name, self.wheels)}"
         raise ConfigurationError(f"{self.label}: {what}", hint=f"its wheels are {listed}")
-
-    def geometry(self, wheel: Wheel) -> tuple[float, float]:
-        """Return radius and width of a wheel in m."""
-        if wheel.radius is not None and wheel.width is not None:
-            return wheel.radius, wheel.width
-        missing = [name for name in ("radius", "width") if getattr(wheel, name) is None]
-        of = f" of wheel {wheel.name}" if wheel.name else ""
-        lines = "".join(f"\n{name} = …  # m" for name in missing)
-        raise self._missing(f"the {' and '.join(missing)}{of}", f"[wheel]{lines}")
 
     def soil_shear_modulus(self) -> float:
         """Return the shear modulus k in m."""

@@ -13,8 +13,9 @@ import signal
 from collections import Counter
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from itertools import chain
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from terrain_cli.windows import cut_windows
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
     from numpy.typing import NDArray
 
@@ -233,64 +235,52 @@ def cores() -> int:
 def work_beside(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     """Do what `work` does in another process, if it can be started, and raise what that raises."""
     try:
-        other = _Beside(settings)
+        link, process = _start(settings)
     except OSError:
         return work(parts, settings)
-    with other:
-        for part in parts:
-            other.take(part)
-        return other.end()
+    try:
+        for part in chain(parts, [None]):
+            try:
+                # Waits while too many are not yet fetched.
+                link.send(part)
+            except OSError:
+                # It has died, and perhaps said of what.
+                break
+        return _heard(link)
+    finally:
+        link.close()
+        process.kill()
+        process.join()
 
 
-class _Beside:
-    """The other process; OSError if it cannot be started."""
+def _start(settings: Settings) -> tuple[Connection, BaseProcess]:
+    # Short logs need none of it.
+    from multiprocessing import get_context
 
-    def __init__(self, settings: Settings) -> None:
-        # Short logs need none of it.
-        from multiprocessing import get_context
+    # A fork would copy the locks of the threads that read.
+    context = get_context("spawn")
+    link, theirs = context.Pipe()
+    process = context.Process(target=_work_there, args=(theirs, settings), daemon=True)
+    if hasattr(signal, "pthread_sigmask"):
+        from multiprocessing import resource_tracker
 
-        # A fork would copy the locks of the threads that read.
-        context = get_context("spawn")
-        self._link, theirs = context.Pipe()
-        self._process = context.Process(target=_work_there, args=(theirs, settings), daemon=True)
-        if hasattr(signal, "pthread_sigmask"):
-            from multiprocessing import resource_tracker
+        # Python 3.11 lets signals in again as it starts this one with the first process.
+        resource_tracker.ensure_running()
+    with _uninterrupted(), theirs:
+        process.start()
+    return link, process
 
-            # Python 3.11 lets signals in again as it starts this one with the first process.
-            resource_tracker.ensure_running()
-        with _uninterrupted(), theirs:
-            self._process.start()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._link.close()
-        self._process.kill()
-        self._process.join()
-
-    def take(self, part: Samples | None) -> None:
-        """Hand a part over, None after the last; wait while too many are not yet fetched."""
-        try:
-            self._link.send(part)
-        except OSError:
-            # It has died, and perhaps said of what.
-            self._hear()
-
-    def end(self) -> dict[str, LongWheel]:
-        """Return the wheels by their names, once all of their windows are made."""
-        self.take(None)
-        return self._hear()
-
-    def _hear(self) -> dict[str, LongWheel]:
-        try:
-            reply: dict[str, LongWheel] | Exception = self._link.recv()
-        except (EOFError, OSError):
-            what = "the process that makes windows and estimates was killed; out of memory?"
-            raise TerrainError(what, hint="free some memory, and run again") from None
-        if isinstance(reply, Exception):
-            raise reply
-        return reply
+def _heard(link: Connection) -> dict[str, LongWheel]:
+    """Return what the other process has made of all parts, or raise what it ended with."""
+    try:
+        reply: dict[str, LongWheel] | Exception = link.recv()
+    except (EOFError, OSError):
+        what = "the process that makes windows and estimates was killed; out of memory?"
+        raise TerrainError(what, hint="free some memory, and run again") from None
+    if isinstance(reply, Exception):
+        raise reply
+    return reply
 
 
 @contextmanager
@@ -308,31 +298,26 @@ def _uninterrupted() -> Iterator[None]:
 
 def _work_there(link: Connection, settings: Settings) -> None:
     """Work through what comes, and send the wheels when all has come: the life of the other process."""
-    # Where who started this process has gone, there is nobody to tell.
-    with suppress(EOFError, OSError):
-        try:
-            reply: object = work(_received(link), settings)
-        except (EOFError, OSError):
-            raise
-        except Exception as error:  # noqa: BLE001 - it is raised there
-            reply = error
+    try:
+        reply: object = work(_received(link), settings)
+    except Exception as error:  # noqa: BLE001 - it is raised there
+        reply = error
+    with suppress(OSError):
         link.send(reply)
 
 
 def _received(link: Connection) -> Iterator[Samples]:
-    """Yield the parts that come; some are fetched ahead, so that reading goes on while windows are made."""
-    ahead: queue.Queue[Samples | Exception | None] = queue.Queue(_AHEAD)
+    """Return the parts that come; some are fetched ahead, so that reading goes on while windows are made."""
+    ahead: queue.Queue[Samples | None] = queue.Queue(_AHEAD)
 
     def fetch() -> None:
         try:
             while (part := link.recv()) is not None:
                 ahead.put(part)
             ahead.put(None)
-        except (EOFError, OSError) as error:
-            ahead.put(error)
+        except (EOFError, OSError):
+            # Where who started this process has gone, there is nobody to tell.
+            os._exit(0)
 
     Thread(target=fetch, daemon=True).start()
-    while (part := ahead.get()) is not None:
-        if isinstance(part, Exception):
-            raise part
-        yield part
+    return iter(ahead.get, None)

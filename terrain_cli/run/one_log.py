@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples
 
+    Progress = Callable[[str, float], None]
+
 
 @dataclass(kw_only=True)
 class Outcome:
@@ -48,7 +50,7 @@ def run(
     rover: Rover,
     settings: Settings,
     *,
-    progress: Callable[[str, float], None] = lambda _step, _share: None,
+    progress: Progress = lambda _step, _share: None,
     beside: bool = False,
 ) -> Outcome:
     """Estimate the soil under every wheel of one input; `beside` reading it, where a log is long."""
@@ -110,12 +112,7 @@ def run(
 
 
 def _in_reaches(
-    source: formats.Source,
-    parts: Iterable[Samples],
-    settings: Settings,
-    progress: Callable[[str, float], None],
-    *,
-    beside: bool,
+    source: formats.Source, parts: Iterable[Samples], settings: Settings, progress: Progress, *, beside: bool
 ) -> Outcome:
     """Estimate a log of which no more than a reach is held."""
     # They grow until the log ends.

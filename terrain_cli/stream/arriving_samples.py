@@ -103,12 +103,10 @@ class ArrivingSamples(ABC):
 
 
 class RowSamples(ArrivingSamples):
-    """Makes samples of the rows of a table."""
-
     def __init__(self, rows: ArrivingRows, rover: Rover, settings: Settings, effects: Effects) -> None:
         super().__init__(rows, rover, settings, effects)
         request = self._reader.request
-        rows.wanted = raw_channels.fields(request.layout, request.channels, request.extras)
+        rows.wanted = raw_channels.fields(request)
         self._rows = rows
         self._label = request.layout.labels.get("", "")
         self._before: dict[str, Batch] = {}
@@ -165,7 +163,7 @@ class RowSamples(ArrivingSamples):
             wheels = sorted(request.layout.wheels) or [""]
             return wheels if labels is None else [name for name in labels.names if name in self.count]
 
-        for raw in raw_channels.wheels(request.layout, table, request.channels, (), choose):
+        for raw in raw_channels.wheels(request, table, (), choose):
             if len(raw) and (found := own_clocks.find(raw)):
                 what = f"{self._rows.label}: {found.slowest} is filled in fewer rows than others"
                 hint = "send every channel of a wheel in one row, or record it and run estimate"
@@ -182,7 +180,7 @@ class MessageSamples(ArrivingSamples):
     def __init__(self, bag: ArrivingBag, rover: Rover, settings: Settings, effects: Effects) -> None:
         super().__init__(bag, rover, settings, effects)
         request = self._reader.request
-        bag.wanted = bags.fields(request.layout, request.channels)
+        bag.wanted = bags.fields(request)
         self._gap = rover.max_gap
         self._empty = {topic: raw_columns.empty(names) for topic, names in bag.wanted.items()}
         self._held: dict[str, dict[str, Column]] = dict(self._empty)

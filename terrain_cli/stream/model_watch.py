@@ -49,8 +49,6 @@ _RIDGE = 1e-10
 
 
 class ModelMiss(NamedTuple):
-    """Something that a model misses."""
-
     channel: str
     size: float  # Measured less predicted, SI
     since: float  # When it began, in s on the clock of the samples

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,36 +10,23 @@ import numpy as np
 import formats
 from terrain_cli.errors import InputError, nearest
 from terrain_cli.telemetry import effect_inputs, raw_channels, raw_columns, rover_advice
-from terrain_cli.telemetry.assembly import Request, assemble, check, lacking, wheel_of
+from terrain_cli.telemetry.assembly import Request, assemble, check
 from terrain_cli.telemetry.long_logs import PartReader, excerpt, in_parts
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.usable_samples import Condition
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Plan, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator
 
     from formats import Batch, Source
-    from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
+    from terrain_cli.telemetry.wheel_samples import Plan
 
-__all__ = [
-    "Condition",
-    "Geometry",
-    "Plan",
-    "Samples",
-    "assemble",
-    "lacking",
-    "part_reader",
-    "plan",
-    "read",
-    "read_parts",
-    "read_source",
-    "wheel_of",
-]
+__all__ = ["Condition", "Geometry", "Samples", "part_reader", "read", "read_parts", "read_source"]
 
 
 def read(path: str, rover: Rover, *, salvage: bool = False, **options: Any) -> list[Samples]:
@@ -58,14 +46,11 @@ def read_source(source: Source, rover: Rover, *, most: int | None = None, **aske
     spread over it (`excerpt`). A table is then never in memory as a whole.
     """
     request = _request(source, rover, **asked)
-    begin, rest = _begun(request, most)
-    if most is not None and rest is not None:
-        result = excerpt(most // 2, in_parts(request, begin, rest))
-    else:
-        result = _whole(request, begin)
-        if most is not None and sum(map(len, result)) > most:
-            result = excerpt(most // 2, result)
-    return _some(request, result)
+    batches = _begun(request, most)
+    parts = _whole(request, batches) if isinstance(batches, list) else in_parts(request, batches)
+    if most is None or (isinstance(parts, list) and sum(map(len, parts)) <= most):
+        return _some(request, list(parts))
+    return _some(request, excerpt(most // 2, parts))
 
 
 def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Samples] | Iterator[Samples]:
@@ -73,10 +58,10 @@ def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Sa
     request = _request(source, rover, **asked)
     timed = any(feed.channel == "time" for feed in request.layout.every_feed)
     # Steady test points belong together by their labels, wherever they stand.
-    begin, rest = _begun(request, rows if timed else None)
-    if rest is not None:
-        return in_parts(request, begin, rest)
-    return _some(request, _whole(request, begin))
+    batches = _begun(request, rows if timed else None)
+    if isinstance(batches, list):
+        return _some(request, _whole(request, batches))
+    return in_parts(request, batches)
 
 
 def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
@@ -89,52 +74,33 @@ def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
     return PartReader(request, evident=False)
 
 
-def _request(
-    source: Source,
-    rover: Rover,
-    *,
-    wheels: Collection[str] = (),
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-    compared: bool = False,
-    kept: Collection[str] = (),
-) -> Request:
+def _request(source: Source, rover: Rover, *, kept: Collection[str] = (), **asked: Any) -> Request:
     layout = plan(source, rover)
     if layout.no_time:
         raise layout.no_time
-    extras, names = _condition_columns(layout, where) if where else ([], set())
+    request = Request(layout=layout, rover=rover, **asked)
+    extras, names = _condition_columns(layout, request.where) if request.where else ([], set())
     wanted = {*rover_advice.SOURCES, *names}
-    if effects is not None:
-        channels, further = effect_inputs.read(effects)
+    if request.effects is not None:
+        channels, further = effect_inputs.read(request.effects)
         wanted |= {"drawbar_pull", *channels}
         extras = sorted({*extras, *further.intersection(layout.extras)})
-    if compared:
+    if request.compared:
         wanted |= CHANNELS.keys()
         extras = sorted({*extras, *layout.extras})
     extras = sorted({*extras, *(name for name in layout.extras if name.strip().casefold() in kept)})
-    return Request(
-        layout=layout,
-        rover=rover,
-        channels=frozenset(wanted),
-        extras=tuple(extras),
-        wheels=tuple(wheels),
-        where=where,
-        effects=effects,
-        compared=compared,
-    )
+    return replace(request, channels=frozenset(wanted), extras=tuple(extras))
 
 
-def _begun(request: Request, rows: int | None) -> tuple[list[Batch], Iterator[Batch] | None]:
+def _begun(request: Request, rows: int | None) -> list[Batch] | Iterator[Batch]:
     """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
     if rows is None or not is_table(request.layout.source):
-        return [], None
-    names = raw_channels.fields(request.layout, request.channels, request.extras)
-    return raw_columns.begin(request.layout.source, names, rows)
+        return []
+    return raw_columns.begin(request.layout.source, raw_channels.fields(request), rows)
 
 
-def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
-    layout, rover = request.layout, request.rover
-    raws = read_raw(layout, rover, request.channels, request.extras, named=request.wheels, batches=begin)
+def _whole(request: Request, batches: list[Batch]) -> list[Samples]:
+    raws = read_raw(request, batches)
     for raw in raws if request.compared else ():
         # A model would predict it, but it was not measured.
         for name in raw.channels.keys() & set(PREDICTED):
@@ -145,7 +111,7 @@ def _whole(request: Request, begin: list[Batch]) -> list[Samples]:
     check(request, raws)
     result = []
     while raws:
-        result.append(assemble(layout, raws.pop(0), rover, request.where, request.effects, layout.extras))
+        result.append(assemble(request, raws.pop(0), request.layout.extras))
     return result
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -30,22 +30,25 @@ if TYPE_CHECKING:
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
     from terrain_cli.telemetry.usable_samples import Condition
+    from terrain_cli.telemetry.wheel_samples import Feed
     from terrain_cli.vocabulary.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is to be read of a source."""
-
     layout: Plan
     rover: Rover
-    channels: frozenset[str]
-    extras: tuple[str, ...]
-    #: Only these; all if empty.
-    wheels: tuple[str, ...]
-    where: Condition | None
-    effects: Sequence[Effect] | None
+    channels: frozenset[str] = frozenset(CHANNELS)
+    extras: tuple[str, ...] = ()
+    wheels: Collection[str] = ()  # Only these; all if empty
+    where: Condition | None = None
+    effects: Sequence[Effect] | None = None
     compared: bool = False  # With a model, which predicts what is there
+
+    def feeds(self, wheel: str) -> dict[str, Feed]:
+        """Return what gives the channels of a wheel that are asked for."""
+        feeds = self.layout.feeds(match_name(wheel, self.layout.wheels) or wheel)
+        return {channel: feed for channel, feed in feeds.items() if channel in self.channels}
 
 
 def wheel_of(raw: Raw, rover: Rover) -> Wheel:
@@ -121,21 +124,15 @@ def check(request: Request, raws: Sequence[Raw]) -> None:
 
 
 def assemble(
-    layout: Plan,
-    raw: Raw,
-    rover: Rover,
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-    columns: Collection[str] = (),
-    *,
-    checked: bool = False,
-    judged: bool = True,
+    request: Request, raw: Raw, columns: Collection[str] = (), *, checked: bool = False, judged: bool = True
 ) -> Samples:
     """Derive what was not recorded, and judge every sample of a wheel; its raw channels are consumed."""
     # `columns` are further ones that are kept; `checked` says that it is a later part of a log, whose units
     # were looked at, and without `judged` they are only so far as a clock goes.
-    source, wheel = layout.source, wheel_of(raw, rover)
-    radius, width = rover.geometry(wheel)
+    source, rover, where, effects = request.layout.source, request.rover, request.where, request.effects
+    wheel = wheel_of(raw, rover)
+    # Without these `check` has refused it.
+    radius, width = cast("tuple[float, float]", (wheel.radius, wheel.width))
     k, factor = rover.soil_shear_modulus(), rover.shear_modulus_factor
     grousers = wheel.grouser_height, wheel.grouser_count
     gravity = rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY
@@ -178,7 +175,7 @@ def assemble(
     if judged and not checked:
         evidence = UnitEvidence(geometry, raw.feeds)
         evidence.add(samples)
-        samples.remarks += plausibility.found(layout, raw.wheel, evidence)
+        samples.remarks += plausibility.found(request.layout, raw.wheel, evidence)
     return samples
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from formats import LOG_TIME, STAMP, Column, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
-from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.vocabulary.quantities import the_wheel
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from terrain_cli.telemetry.assembly import Request
     from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Headers whose clocks differ by more than this, in s, do not tell the same time: no message is so late.
@@ -33,21 +34,20 @@ class _Topic:
     wheels: Labels | None
 
 
-def fields(plan: Plan, wanted: Collection[str]) -> dict[str, list[str]]:
-    """Tell which fields of which topics are read for some channels; those without a feed are passed over."""
+def fields(request: Request) -> dict[str, list[str]]:
+    """Tell which fields of which topics are read; channels without a feed are passed over."""
     found: dict[str, set[str]] = {}
-    for feed in plan.every_feed:
-        if feed.channel in wanted and feed.topic:
-            found.setdefault(feed.topic, {*filter(None, [plan.labels.get(feed.topic)])}).update(feed.fields)
+    labels = request.layout.labels
+    for feed in request.layout.every_feed:
+        if feed.channel in request.channels and feed.topic:
+            found.setdefault(feed.topic, {*filter(None, [labels.get(feed.topic)])}).update(feed.fields)
     return {topic: sorted(names) for topic, names in found.items()}
 
 
 def wheels(
-    plan: Plan,
+    request: Request,
     tables: Mapping[str, dict[str, Column]],
-    wanted: Collection[str],
     choose: Callable[[Labels | None], list[str]],
-    max_gap: float | None,
     clocks: TopicClocks | None = None,
 ) -> list[Raw]:
     """Part the topics of a bag, the columns named by `fields`, into the wheels that `choose` names."""
@@ -56,17 +56,15 @@ def wheels(
     times = clocks.times(tables)
     topics = {}
     for topic, table in tables.items():
-        label = plan.labels.get(topic)
+        label = request.layout.labels.get(topic)
         topics[topic] = _Topic(times[topic], table, raw_columns.as_labels(table[label]) if label else None)
     # The torque's labels name the wheels; other topics may tell of fewer.
     rank = {channel: place for place, channel in enumerate(CLOCKS)}
-    ordered = sorted(plan.every_feed, key=lambda feed: rank.get(feed.channel, len(CLOCKS)))
+    ordered = sorted(request.layout.every_feed, key=lambda feed: rank.get(feed.channel, len(CLOCKS)))
     labels = (topics[feed.topic].wheels for feed in ordered if feed.topic in topics)
     result = []
     for name in choose(next((found for found in labels if found is not None), None)):
-        key = match_name(name, plan.wheels) or name
-        feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
-        raw = _wheel(name, clocks, feeds, topics, max_gap, whole=whole)
+        raw = _wheel(request, name, clocks, topics, whole=whole)
         raw.remarks += clocks.remarks
         result.append(raw)
     return result
@@ -131,14 +129,9 @@ def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
 
 
 def _wheel(
-    name: str,
-    clocks: TopicClocks,
-    feeds: dict[str, Feed],
-    topics: Mapping[str, _Topic],
-    max_gap: float | None,
-    *,
-    whole: bool,
+    request: Request, name: str, clocks: TopicClocks, topics: Mapping[str, _Topic], *, whole: bool
 ) -> Raw:
+    feeds, max_gap = request.feeds(name), request.rover.max_gap
     raw = Raw(wheel=name, origin=clocks.origin, feeds=feeds)
     series: dict[str, tuple[Array, Array]] = {}
     for channel, feed in feeds.items():

@@ -25,34 +25,28 @@ STANDING = 1e-3
 _BLOCK = 8192
 
 
-def slip(angular_velocity: ArrayLike, velocity: ArrayLike, radius: float) -> Array:
+def slip(angular_velocity: Array, velocity: Array, radius: float) -> Array:
     """Slip of a wheel: i = 1 − V/(rω) driving, rω/V − 1 skidding; NaN where the wheel stands.
 
     Wong, *Theory of Ground Vehicles*, chapter 1; ω in rad/s, V of the wheel centre in m/s, r in m. The same
     in reverse, where both ω and V are negative. Above 1 where the wheel rolls back against its rotation.
     """
-    omega = np.asarray(angular_velocity, dtype=float)
-    turning = np.where(np.abs(omega) > STANDING, omega, np.nan)
-    ratio = np.asarray(velocity, dtype=float) / (radius * turning)
+    turning = np.where(np.abs(angular_velocity) > STANDING, angular_velocity, np.nan)
+    ratio = velocity / (radius * turning)
     return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
 
 
-def velocity(angular_velocity: ArrayLike, slip: ArrayLike, radius: float) -> Array:
+def velocity(angular_velocity: Array, slip: Array, radius: float) -> Array:
     """Forward velocity of a wheel: V = (1 − i) rω driving, rω/(1 + i) skidding; `slip` solved for V.
 
     NaN where the slip is −1 or less, which no wheel that turns forward has.
     """
-    i = np.asarray(slip, dtype=float)
-    share = np.where(i < 0.0, 1.0 / np.where(i > -1.0, 1.0 + i, np.nan), 1.0 - i)
-    return np.asarray(share * radius * np.asarray(angular_velocity, dtype=float))
+    share = np.where(slip < 0.0, 1.0 / np.where(slip > -1.0, 1.0 + slip, np.nan), 1.0 - slip)
+    return np.asarray(share * radius * angular_velocity)
 
 
 def torque_from_current(
-    current: ArrayLike,
-    motor: Motor,
-    *,
-    temperature: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
+    current: Array, motor: Motor, *, temperature: Array | None = None, angular_velocity: Array | None = None
 ) -> Array:
     """Torque at the wheel, T = η N Kt (1 + α (Tm − T0)) (I − I0).
 
@@ -60,22 +54,19 @@ def torque_from_current(
     current I0 acts against the rotation. Without ω it is taken against the current, which then gives no
     torque until it exceeds I0. The efficiency η is that of a motor which drives.
     """
-    current = np.asarray(current, dtype=float)
     if angular_velocity is None:
         useful = np.sign(current) * np.maximum(np.abs(current) - motor.no_load_current, 0.0)
     else:
-        useful = current - motor.no_load_current * np.sign(np.asarray(angular_velocity, dtype=float))
+        useful = current - motor.no_load_current * np.sign(angular_velocity)
     torque = motor.efficiency * motor.gear_ratio * motor.torque_constant * useful
     if temperature is not None:
-        warming = np.asarray(temperature, dtype=float) - motor.reference_temperature
-        torque = torque * (1.0 + motor.temperature_coefficient * warming)
+        torque *= 1.0 + motor.temperature_coefficient * (temperature - motor.reference_temperature)
     return np.asarray(torque)
 
 
-def wheel_velocity(velocity: ArrayLike, yaw_rate: ArrayLike, lateral_position: float) -> Array:
+def wheel_velocity(velocity: Array, yaw_rate: Array, lateral_position: float) -> Array:
     """Forward velocity of a wheel centre, V = v − y dψ/dt, on a body that turns, y > 0 on the left."""
-    turning = lateral_position * np.asarray(yaw_rate, dtype=float)
-    return np.asarray(np.asarray(velocity, dtype=float) - turning)
+    return velocity - lateral_position * yaw_rate
 
 
 def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: float = np.inf) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from terrain_cli.telemetry.assembly import Request, assemble, check
 from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
-from terrain_cli.telemetry.wheel_samples import Notice, Raw, Samples
+from terrain_cli.telemetry.wheel_samples import COLUMNS, TABLES, Notice, Raw, Samples
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -79,32 +79,23 @@ def excerpt(most: int, parts: Iterable[Samples]) -> list[Samples]:
 
 def joined(parts: Sequence[Samples]) -> Samples:
     """Join parts of one wheel, with the words of the first; NaN where one lacks a column."""
-
-    def columns(of: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-        names = dict.fromkeys(name for own in of for name in own)
-        nothing = [np.full(len(part), np.nan) for part in parts]
-        return {
-            name: np.concatenate([own.get(name, none) for own, none in zip(of, nothing, strict=True)])
-            for name in names
+    columns: dict[str, Any] = {}
+    for name in COLUMNS:
+        known = [own for part in parts if (own := getattr(part, name)) is not None]
+        columns[name] = _together(known) if known else None
+    nothing = [np.full(len(part), np.nan) for part in parts]
+    for name in TABLES:
+        own = [getattr(part, name) for part in parts]
+        keys = dict.fromkeys(key for table in own for key in table)
+        columns[name] = {
+            key: _together([table.get(key, none) for table, none in zip(own, nothing, strict=True)])
+            for key in keys
         }
+    return replace(parts[0], **columns)
 
-    def optional(values: Sequence[Array | None]) -> Array | None:
-        known = [value for value in values if value is not None]
-        return np.concatenate(known) if known else None
 
-    first = parts[0]
-    return replace(
-        first,
-        time=optional([part.time for part in parts]),
-        channels=columns([part.channels for part in parts]),
-        labels={
-            name: raw_columns.join_labels([part.labels[name] for part in parts]) for name in first.labels
-        },
-        stretch=np.concatenate([part.stretch for part in parts]),
-        distance=optional([part.distance for part in parts]),
-        set_aside=raw_columns.join_labels([part.set_aside for part in parts]),
-        drivers=columns([part.drivers for part in parts]),
-    )
+def _together(columns: Sequence[Any]) -> Column:
+    return raw_columns.join(columns) if isinstance(columns[0], Labels) else np.concatenate(columns)
 
 
 def excerpted(samples: Sequence[Samples]) -> list[str]:
@@ -125,13 +116,13 @@ def notes(samples: Sequence[Samples]) -> list[str]:
     return [*dict.fromkeys(saved), *excerpted(samples)]
 
 
-def in_parts(request: Request, begin: list[Batch], rest: Iterable[Batch]) -> Iterator[Samples]:
-    """Yield the samples of a table, whose first batches are emptied, part by part, of each wheel in turn."""
+def in_parts(request: Request, batches: Iterable[Batch]) -> Iterator[Samples]:
+    """Yield the samples of a table part by part, of each wheel in turn."""
     # Distance, stretches, the angle of the wheel and the clock's origin go on from part to part. What a
     # person should know stands in the first part of a wheel.
     keep_freed()
     reader = PartReader(request)
-    for table, first, last in _tables(begin, rest):
+    for table, first, last in _tables(batches):
         yield from reader.parts(table, first, last)
     reader.end()
 
@@ -151,7 +142,7 @@ class PartReader:
         """Yield the samples of the rows from first to last; the others are their neighbours."""
         request, layout, rover = self.request, self.request.layout, self.request.rover
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
-        raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], self._choose)
+        raws = raw_channels.wheels(request, table, [*request.extras, _ROW], self._choose)
         self._nameless += raw_channels.nameless(layout, table, slice(first, last))
         check(request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
@@ -163,17 +154,14 @@ class PartReader:
 
     def check(self, tables: Mapping[str, dict[str, Column]]) -> None:
         """Refuse a bag of which something is missing."""
-        request, max_gap = self.request, self.request.rover.max_gap
-        raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap)
-        check(request, raws)
+        check(self.request, bags.wheels(self.request, tables, self._choose))
 
     def topics(
         self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
     ) -> Iterator[Samples]:
         """Yield the samples of a bag later than one time and not than another (s), of the messages about."""
-        request, max_gap = self.request, self.request.rover.max_gap
-        raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap, clocks)
-        check(request, [raw for raw in raws if raw.wheel not in self._ends])
+        raws = bags.wheels(self.request, tables, self._choose, clocks)
+        check(self.request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             self._ends.setdefault(raw.wheel, _End(clocks=None))
             time = np.empty(0) if raw.time is None else raw.time
@@ -183,12 +171,12 @@ class PartReader:
 
     def _part(self, raw: Raw, first: int, last: int) -> Samples:
         """Return the samples of the rows from first to last of a wheel; the others are their neighbours."""
-        request, layout, rover = self.request, self.request.layout, self.request.rover
+        layout, rover = self.request.layout, self.request.rover
         end = self._ends[raw.wheel]
         end.count_on(raw)
-        given = layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW)
         checked = end.begun if self._evident else end.clocked
-        samples = assemble(*given, checked=checked, judged=self._evident)
+        columns = (*layout.extras, _ROW)
+        samples = assemble(self.request, raw, columns, checked=checked, judged=self._evident)
         end.clocked |= len(raw) >= alignment.FEW_TIMES
         if not end.begun:
             told = samples.remarks[len(layout.source.remarks) :]
@@ -207,17 +195,17 @@ class PartReader:
 
     def _choose(self, labels: Labels | None) -> list[str]:
         if labels is None:
-            return choose_wheels(self.request.layout, self.request.rover, None, self.request.wheels)
+            return choose_wheels(self.request, None)
         there = labels_there(labels)
         self._seen.update(there)
         return [name for name in there if name in self.request.wheels or not self.request.wheels]
 
     def end(self) -> None:
         """Complete the remarks, once there are no more parts."""
-        layout, rover = self.request.layout, self.request.rover
+        layout = self.request.layout
         if "" in layout.labels:
             every = Labels(np.arange(len(self._seen), dtype=np.int32), tuple(sorted(self._seen)))
-            choose_wheels(layout, rover, every, self.request.wheels)
+            choose_wheels(self.request, every)
         for wheel, end in self._ends.items():
             if end.clocks:
                 end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
@@ -226,18 +214,13 @@ class PartReader:
             end.remarks += plausibility.found(layout, wheel, end.evidence)
 
 
-def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
+def _tables(batches: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
     """Join batches to tables, each with rows of its neighbours; of its own are those from first to last."""
     pending: list[Batch] = []
     count = before = 0
 
-    def every() -> Iterator[Batch]:
-        while begin:
-            yield begin.pop(0)
-        yield from rest
-
     def short() -> Iterator[Batch]:
-        for batch in every():
+        for batch in batches:
             rows = len(next(iter(batch.values())))
             for start in range(0, rows, ROWS):
                 part = slice(start, start + ROWS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from formats import Field, Source, Stream
     from terrain_cli.rover import Rover
     from terrain_cli.rover.vehicle import ChannelEntry
-    from terrain_cli.telemetry.topic_discovery import TopicCandidate
     from terrain_cli.vocabulary.units import Unit
 
 
@@ -98,7 +97,7 @@ def _plan_bag(
     result: Plan, streams: Mapping[str, Stream], asked: dict[str, dict[str, Feed]], rover: Rover
 ) -> None:
     chosen = _given(asked)
-    candidates: dict[str, list[TopicCandidate]] = {}
+    candidates: dict[str, list[Feed]] = {}
     for topic, stream in streams.items():
         try:
             found, label = topic_discovery.find(stream)
@@ -106,8 +105,8 @@ def _plan_bag(
             raise InputError(f"{result.source.path}: {topic}: {error}", hint=error.hint) from None
         if label:
             result.labels.setdefault(topic, label)
-        for candidate in [*found, *_unheard(result, stream, asked)]:
-            candidates.setdefault(candidate.feed.channel, []).append(candidate)
+        for feed in [*found, *_unheard(result, stream, asked)]:
+            candidates.setdefault(feed.channel, []).append(feed)
     there = topic_discovery.wheels_in(candidates, result.labels)
     states = [stream for stream in streams.values() if stream.type == topic_discovery.JOINT_STATE]
     joints = [name for stream in states for field in stream.fields for name in field.elements]
@@ -130,7 +129,7 @@ def _plan_bag(
         result.wheels[wheel].update(feeds)
 
 
-def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed]]) -> list[TopicCandidate]:
+def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed]]) -> list[Feed]:
     """Find the speeds of joints that rover.toml asks for, and that another publisher sends than the first."""
     if stream.type != topic_discovery.JOINT_STATE:
         return []
@@ -140,8 +139,8 @@ def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed
     more = []
     for joint in sorted(joint for joint in joints - heard if not joint.isdigit()):
         speed = topic_discovery.joint_speed(stream.topic, joint)
-        begin = next(result.source.read(stream.topic, speed.feed.fields, 1000), None)
-        if begin is not None and not np.isnan(as_numbers(begin[speed.feed.fields[0]])).all():
+        begin = next(result.source.read(stream.topic, speed.fields, 1000), None)
+        if begin is not None and not np.isnan(as_numbers(begin[speed.fields[0]])).all():
             more.append(speed)
     return more
 
@@ -163,14 +162,9 @@ def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
 def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Feed:
     """Turn an entry of rover.toml into a feed, checked against what the file holds."""
     own = CHANNELS[entry.channel].unit
-    base = Feed(
-        channel=entry.channel,
-        unit=entry.unit or own,
-        scale=entry.scale,
-        offset=entry.offset,
-        asked=True,
-        stated=entry.unit is not None,
-    )
+    stated = entry.unit is not None
+    given: dict[str, Any] = {"scale": entry.scale, "offset": entry.offset, "asked": True, "stated": stated}
+    base = Feed(channel=entry.channel, unit=entry.unit or own, **given)
     if entry.constant is not None:
         return replace(base, constant=entry.constant)
     topic = entry.topic or ""
@@ -179,9 +173,7 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
         raise ConfigurationError(f"{entry.place}: {what}", hint=f"it has {', '.join(list(streams)[:20])}")
     stream = streams[topic]
     if topic and entry.field is None and (meant := _meant(entry, stream, wheel)):
-        unit = entry.unit or meant.unit
-        meant = replace(meant, unit=unit, scale=entry.scale, offset=entry.offset)
-        return replace(meant, asked=True, stated=base.stated)
+        return replace(meant, unit=entry.unit or meant.unit, **given)
     fields = {f.name: f for f in stream.fields}
     name = (entry.field if topic else entry.column) or (next(iter(fields)) if len(fields) == 1 else "")
     if name not in fields:
@@ -201,13 +193,13 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
 
 def _meant(entry: ChannelEntry, stream: Stream, wheel: str) -> Feed | None:
     """Return the one feed of a topic that carries a channel, where rover.toml names no field."""
-    found = [c for c in topic_discovery.find(stream)[0] if c.feed.channel == entry.channel]
+    found = [feed for feed in topic_discovery.find(stream)[0] if feed.channel == entry.channel]
     name = entry.name or wheel
     if len(found) > 1 and name:
-        places = {place: c for c in found for place in c.places}
+        places = {place: feed for feed in found for place in feed.places}
         match = match_name(name, places)
         found = [places[match]] if match else []
-    return found[0].feed if len(found) == 1 else None
+    return found[0] if len(found) == 1 else None
 
 
 def _unit(entry: ChannelEntry, message_type: str, name: str, topic: str) -> Unit | None:

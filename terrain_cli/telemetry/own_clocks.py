@@ -49,8 +49,6 @@ _MEETINGS, _AVOID = 8, 1 / 8
 
 @dataclass(frozen=True, slots=True)
 class OwnClocks:
-    """The clocks of the columns of a wheel."""
-
     slowest: str
     interval: float  # Its usual one, in s
     #: Whether it ticks regularly, so that a lost value shows.

@@ -150,10 +150,7 @@ def _rim(e: UnitEvidence) -> Suspicion | None:
             *(Mend("velocity", unit) for unit in _SPEEDS["velocity"]),
             Mend("angular_velocity", "rev/s"),
         ]
-        mend = min(
-            options,
-            key=lambda m: abs(np.log(middle * m.factor ** (1 if m.channel == "velocity" else -1) / 0.8)),
-        )
+        mend = min(options, key=lambda m: abs(np.log(middle * _times(m) / 0.8)))
         what = f"V is {middle:.3g} times ω r, as if the wheel skidded, while its torque drives"
         return Suspicion(what, mend.channel, mend, "impossible" if middle > 5.0 * FAR else "odd")
     return None
@@ -188,13 +185,17 @@ def _two_slips(e: UnitEvidence, ratio: float) -> Suspicion | None:
     if off(1.0) < ODD_SLIP:
         return None
     options = [Mend(name, unit) for name, several in _SPEEDS.items() for unit in several]
-    mend = min(options, key=lambda m: off(m.factor if m.channel == "velocity" else 1.0 / m.factor))
-    times = mend.factor if mend.channel == "velocity" else 1.0 / mend.factor
+    mend = min(options, key=lambda m: off(_times(m)))
     weight: Weight = "contradiction" if off(1.0) > WRONG_SLIP else "odd"
     what = f"slip is {slip:.2f} in the median, but by ω, V and the wheel's radius it is {_slip_of(ratio):.2f}"
-    if off(times) > 0.5 * ODD_SLIP:
+    if off(_times(mend)) > 0.5 * ODD_SLIP:
         return Suspicion(what, "slip", None, weight)
     return Suspicion(what, mend.channel, mend, weight)
+
+
+def _times(mend: Mend) -> float:
+    """Return by what a unit of one of the speeds multiplies V/(ω r)."""
+    return mend.factor if mend.channel == "velocity" else 1.0 / mend.factor
 
 
 def _slip_of(ratio: float) -> float:

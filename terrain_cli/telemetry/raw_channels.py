@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,17 +16,18 @@ from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_n
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from terrain_cli.rover import Rover
+    from terrain_cli.telemetry.assembly import Request
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[str]:
-    """Name the columns to read for some channels; those without a feed are passed over."""
-    label = plan.labels.get("")
-    names = {name for feed in plan.every_feed if feed.channel in wanted for name in feed.fields}
-    return sorted(names.union(extras, [label] if label else []))
+def fields(request: Request) -> list[str]:
+    """Name the columns to read; channels without a feed are passed over."""
+    label = request.layout.labels.get("")
+    feeds = (feed for feed in request.layout.every_feed if feed.channel in request.channels)
+    names = {name for feed in feeds for name in feed.fields}
+    return sorted(names.union(request.extras, [label] if label else []))
 
 
 def nameless(plan: Plan, table: Mapping[str, Column], rows: slice = slice(None)) -> int:
@@ -40,41 +42,34 @@ def passed_over(plan: Plan, count: int) -> list[str]:
 
 
 def wheels(
-    plan: Plan,
+    request: Request,
     table: dict[str, Column],
-    wanted: Collection[str],
     extras: Sequence[str],
     choose: Callable[[Labels | None], list[str]],
 ) -> list[Raw]:
     """Sort the columns of a table, or of part of it, by wheel and channel; those of wheels become labels."""
     table.pop(LOG_TIME, None)
-    label = plan.labels.get("")
+    label = request.layout.labels.get("")
     named = raw_columns.as_labels(table[label]) if label else None
     if label and named:
         table[label] = named
     result = []
     for name in choose(named):
-        key = match_name(name, plan.wheels) or name
-        feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
         rows: Index | slice = slice(None)
         if named is not None and not np.all(named.codes == named.codes[0]):
             rows = np.flatnonzero(named.codes == named.names.index(name))
-        result.append(_wheel(plan.source.path, name, feeds, table, rows, extras))
+        result.append(_wheel(request, name, table, rows, extras))
     return result
 
 
 def _wheel(
-    path: str,
-    name: str,
-    feeds: dict[str, Feed],
-    table: dict[str, Column],
-    rows: Index | slice,
-    extras: Sequence[str],
+    request: Request, name: str, table: dict[str, Column], rows: Index | slice, extras: Sequence[str]
 ) -> Raw:
     def column(header: str) -> Column:
         return raw_columns.take(table[header], rows)
 
     n = len(column(next(iter(table)))) if table else 0
+    feeds, path = request.feeds(name), request.layout.source.path
     raw = Raw(wheel=name, extras={extra: column(extra) for extra in extras}, feeds=feeds)
     for channel, feed in feeds.items():
         if channel == "time":
@@ -102,52 +97,47 @@ def _time(path: str, feed: Feed, several: list[Column]) -> tuple[float, Array]:
 
 
 def read_raw(
-    plan: Plan,
-    rover: Rover,
-    channels: Iterable[str],
-    extras: Sequence[str] = (),
-    *,
-    named: Collection[str] = (),
-    batches: list[Batch] | None = None,
-    topics: Mapping[str, dict[str, Column]] | None = None,
+    request: Request, batches: list[Batch], topics: Mapping[str, dict[str, Column]] | None = None
 ) -> list[Raw]:
-    """Read the channels asked for that have a feed, of the `named` wheels or all, ordered by name."""
+    """Read the channels asked for that have a feed, of the wheels asked for, ordered by name."""
     # `batches` are the columns of a table, `topics` those of a bag, where they were read before.
-    wanted = set(channels)
-
-    def choose(labels: Labels | None) -> list[str]:
-        return choose_wheels(plan, rover, labels, named)
-
+    plan, choose = request.layout, partial(choose_wheels, request)
     if not is_table(plan.source):
         if topics is None:
-            topics = read_topics(plan.source, bags.fields(plan, wanted))
-        return bags.wheels(plan, topics, wanted, choose, rover.max_gap)
-    names = fields(plan, wanted, extras)
+            topics = read_topics(plan.source, bags.fields(request))
+        return bags.wheels(request, topics, choose)
+    names = fields(request)
     table: dict[str, Column] = {}
     if batches:
         table = raw_columns.whole(batches)
     elif names:
-        table = raw_columns.read_whole(plan.source, "", names)
-    raws = wheels(plan, table, wanted, extras, choose)
+        table = read_topics(plan.source, {"": names})[""]
+    raws = wheels(request, table, request.extras, choose)
     for raw in raws:
         clocks = own_clocks.find(raw)
         if clocks:
-            interpolated = clocks.bring(raw, rover.max_gap)
+            interpolated = clocks.bring(raw, request.rover.max_gap)
             raw.remarks.append(clocks.told(raw.wheel, len(raw), int(interpolated.sum())))
         raw.remarks += passed_over(plan, nameless(plan, table))
     return raws
 
 
-def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:
+def choose_wheels(request: Request, labels: Labels | None) -> list[str]:
     """Name the wheels to read: labels of a column, those of rover.toml, or the only one."""
-    path = plan.source.path
+    plan, path = request.layout, request.layout.source.path
     if labels is None:
-        there = sorted(plan.wheels) or [only_wheel(rover)]
+        there = sorted(plan.wheels) or [only_wheel(request.rover)]
     else:
         there = labels_there(labels)
         if not there:
             raise InputError(f"{path}: the column of wheels is empty", hint="fill it in, or leave it out")
-    chosen = among(path, there, wheels)
+    for name in request.wheels:
+        # To the letter: left is not front-left.
+        if name not in there:
+            meant = match_name(name, there)
+            near = f"; did you mean {meant}?" if meant else nearest(name, there)
+            raise InputError(f"{path}: there is no wheel {name}{near}", hint=f"it has {', '.join(there)}")
+    chosen = [name for name in there if not request.wheels or name in request.wheels]
     clocks = [next((feeds[c] for c in CLOCKS if c in feeds), None) for feeds in map(plan.feeds, chosen)]
     if labels is None and len(chosen) > 1 and clocks[0] and clocks.count(clocks[0]) == len(clocks):
         raise ConfigurationError(
@@ -160,13 +150,3 @@ def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Colle
 def labels_there(labels: Labels) -> list[str]:
     there = np.bincount(labels.codes[labels.codes >= 0], minlength=1)
     return sorted(labels.names[code] for code in np.flatnonzero(there).tolist())
-
-
-def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]:
-    """Choose those among wheels that are asked for to the letter, all if none is; left is not front-left."""
-    for name in wheels:
-        if name not in there:
-            meant = match_name(name, there)
-            near = f"; did you mean {meant}?" if meant else nearest(name, there)
-            raise InputError(f"{path}: there is no wheel {name}{near}", hint=f"it has {', '.join(there)}")
-    return [name for name in there if not wheels or name in wheels]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,13 +93,8 @@ def take(column: Column, rows: Index | Mask | slice) -> Column:
     return column.take(rows) if isinstance(column, Labels) else column[rows]
 
 
-def read_whole(source: Source, topic: str, fields: Sequence[str]) -> dict[str, Column]:
-    """Read the named columns of a table or topic; empty ones if there is no record."""
-    return read_topics(source, {topic: fields})[topic]
-
-
 def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Column]]:
-    """Read the named columns of several topics in one pass; InputError where they cannot be held."""
+    """Read the named columns of some topics (a table's is "") in one pass; InputError where too much."""
     batches: dict[str, list[Batch]] = {topic: [] for topic in fields}
     size, most = 0, most_held()
     for topic, batch in source.read_together(fields):
@@ -137,16 +133,17 @@ def as_clock(path: str, header: str, column: Column, seconds: Callable[[], Array
     return origin, np.round(values - origin, 6) if origin else values
 
 
-def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch], Iterator[Batch] | None]:
-    """Begin to read a table until there are more than some rows; the rest is None if there are not."""
+def begin(source: Source, fields: Sequence[str], rows: int) -> list[Batch] | Iterator[Batch]:
+    """Read a table; where it has more than some rows, no more than these are read before the others."""
     batches, count = iter(source.read("", fields, _AT_ONCE) if fields else ()), 0
     first: list[Batch] = []
     for batch in batches:
         first.append(batch)
         count += len(next(iter(batch.values())))
         if count > rows:
-            return first, batches
-    return first, None
+            # None is held longer than it is needed.
+            return chain((first.pop(0) for _ in range(len(first))), batches)
+    return first
 
 
 def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -125,7 +125,7 @@ def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
 
 
 def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, rover: Rover) -> None:
-    radius = rover.geometry(wheel)[0]
+    radius = cast("float", wheel.radius)  # `settings` says where it is not given
     if "load" in derived and rover.vehicle:
         positions = rover.positions()
         roll = channels.get("roll", np.zeros_like(channels["pitch"]))

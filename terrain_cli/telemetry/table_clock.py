@@ -70,7 +70,6 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
 
 
 def _beginning(source: Source, headers: Collection[str]) -> Mapping[str, Column]:
-    """Read the first rows."""
     if not headers:
         return {}
     with closing(cast("Generator[Batch]", source.read("", list(headers), _ROWS))) as batches:
@@ -146,29 +145,22 @@ def _doubt(plan: Plan, table: Mapping[str, Column], wheels: Labels | None) -> No
             continue
         if stated_unit(header) and not stated:
             continue
-        rise, is_time = _rise(column, wheels), column.dtype.kind == "M"
-        if rise.steps >= _FEW and rise.up >= _RISING:
-            clear = is_time or stated or (rise.steps >= _MANY and not rise.counts)
+        goes, is_time = _rise(column, wheels), column.dtype.kind == "M"
+        if goes.steps >= _FEW and goes.up >= _RISING:
+            clear = is_time or stated or (goes.steps >= _MANY and not goes.counts)
             (sure if clear else rising).append(header)
-        elif (is_time and rise.up > 0.0) or (rise.down == 0.0 and round(rise.up * rise.steps) >= _FEW):
+        elif (is_time and goes.up > 0.0) or (goes.down == 0.0 and round(goes.up * goes.steps) >= _FEW):
             # In whole seconds it does not rise at every row, and never falls.
             rising.append(header)
     shown = ", ".join(map(repr, (sure or rising)[:_OFFERED]))
     entries = [_entry(header, table[header]) for header in (sure or rising)[:_OFFERED]]
     if sure:
-        are = "rises from row to row" if len(sure) == 1 else "rise from row to row"
-        plan.no_time = InputError(
-            f"{plan.source.path}: no column is known as a time, but {shown} {are} as a clock does: "
-            "these are hardly steady test points",
-            hint="\n".join(
-                [
-                    "add to rover.toml:",
-                    "[channels]",
-                    "\n# or ".join(entries),
-                    "# or, if the rows are test points all the same: steady = true in [sampling]",
-                ]
-            ),
-        )
+        rise = "rises" if len(sure) == 1 else "rise"
+        what = f"no column is known as a time, but {shown} {rise} from row to row as a clock does"
+        hint = "add to rover.toml:\n[channels]\n" + "\n# or ".join(entries)
+        hint += "\n# or, if the rows are test points all the same: steady = true in [sampling]"
+        text = f"{plan.source.path}: {what}: these are hardly steady test points"
+        plan.no_time = InputError(text, hint=hint)
         return
     text = "no column is known as a time: each row is taken for a steady test point"
     if rising:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -117,16 +117,7 @@ def unit_symbol(message_type: str, field: str) -> str | None:
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class TopicCandidate:
-    """A feed found without being asked for."""
-
-    feed: Feed
-    #: Names that might tell its wheel: the parts of the topic, or the name beside a list.
-    places: tuple[str, ...]
-
-
-def find(stream: Stream) -> tuple[list[TopicCandidate], str | None]:
+def find(stream: Stream) -> tuple[list[Feed], str | None]:
     """Find the channels that one topic carries, and the field, if any, that names the wheel."""
     fields = [f for f in stream.fields if not f.name.startswith("header.")]
     if stream.type == JOINT_STATE:
@@ -143,22 +134,23 @@ def _places(stream: Stream) -> tuple[str, ...]:
     return tuple(part for part in stream.topic.split("/") if part)
 
 
-def joint_speed(topic: str, joint: str) -> TopicCandidate:
-    unit, field = units.si("angular speed"), f"velocity[{joint}]"
-    return TopicCandidate(Feed(channel="angular_velocity", topic=topic, fields=(field,), unit=unit), (joint,))
+def joint_speed(topic: str, joint: str) -> Feed:
+    unit, fields = units.si("angular speed"), (f"velocity[{joint}]",)
+    return Feed(channel="angular_velocity", topic=topic, fields=fields, unit=unit, places=(joint,))
 
 
-def _find_by_topic(stream: Stream, field: Field) -> list[TopicCandidate]:
+def _find_by_topic(stream: Stream, field: Field) -> list[Feed]:
     """Take the single value of a message for what the topic is called."""
     *places, leaf = _places(stream) or ("",)
     match = identify(leaf, letters=False)
     if match is None or match.channel in {"time", "wheel"} or not _fits(field, match.channel):
         return []
-    return [TopicCandidate(_named(stream, match, field.name), tuple(places))]
+    return [_named(stream, match, field.name, tuple(places))]
 
 
-def _named(stream: Stream, match: Match, path: str) -> Feed:
-    return Feed(channel=match.channel, topic=stream.topic, fields=(path,), unit=match.unit, rank=NAMED)
+def _named(stream: Stream, match: Match, path: str, places: tuple[str, ...]) -> Feed:
+    channel, unit = match.channel, match.unit
+    return Feed(channel=channel, topic=stream.topic, fields=(path,), unit=unit, rank=NAMED, places=places)
 
 
 def _fits(field: Field, channel: str) -> bool:
@@ -166,7 +158,7 @@ def _fits(field: Field, channel: str) -> bool:
     return field.kind == "number" or (field.kind == "text" and CHANNELS[channel].dimension == LABEL)
 
 
-def _find_by_type(stream: Stream) -> list[TopicCandidate]:
+def _find_by_type(stream: Stream) -> list[Feed]:
     found = []
     there = {field.name for field in stream.fields}
     for meaning in MEANINGS.get(stream.type, ()):
@@ -174,13 +166,13 @@ def _find_by_type(stream: Stream) -> list[TopicCandidate]:
             continue
         symbol = unit_symbol(stream.type, meaning.fields[0])
         unit = None if meaning.combine else units.parse(symbol or "", CHANNELS[meaning.channel].dimension)
-        found.append(TopicCandidate(replace(meaning, topic=stream.topic, unit=unit), _places(stream)))
+        found.append(replace(meaning, topic=stream.topic, unit=unit, places=_places(stream)))
     return found
 
 
-def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicCandidate], str | None]:
+def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[Feed], str | None]:
     """Take the fields of a message of the user's own for what they are called."""
-    found: list[TopicCandidate] = []
+    found: list[Feed] = []
     label: str | None = None
     for field in fields:
         # Single letters deep inside are anything's coordinates.
@@ -191,17 +183,16 @@ def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicC
         if match.channel == "wheel":
             label = field.name if field.kind == "text" else label
         elif field.kind == "numbers":
-            names = {name: f"{field.name}[{name}]" for name in field.elements}
-            found += [TopicCandidate(_named(stream, match, path), (name,)) for name, path in names.items()]
+            found += [_named(stream, match, f"{field.name}[{name}]", (name,)) for name in field.elements]
         elif _fits(field, match.channel):
-            found.append(TopicCandidate(_named(stream, match, field.name), _places(stream)))
+            found.append(_named(stream, match, field.name, _places(stream)))
     return found, label
 
 
-def wheels_in(candidates: Mapping[str, Sequence[TopicCandidate]], labelled: Collection[str]) -> list[str]:
+def wheels_in(candidates: Mapping[str, Sequence[Feed]], labelled: Collection[str]) -> list[str]:
     """Name the wheels that topics or joints tell apart, by the first channel of several, none `labelled`."""
     for channel in OF_WHEELS:
-        places = [c.places for c in candidates.get(channel, ()) if c.feed.topic not in labelled]
+        places = [feed.places for feed in candidates.get(channel, ()) if feed.topic not in labelled]
         for parts in zip(*places, strict=False) if len(places) > 1 else ():
             # The first in which they all differ.
             if len(set(parts)) == len(parts):
@@ -209,17 +200,17 @@ def wheels_in(candidates: Mapping[str, Sequence[TopicCandidate]], labelled: Coll
     return []
 
 
-def assign(channel: str, found: Sequence[TopicCandidate], others: Iterable[str], plan: Plan) -> None:
+def assign(channel: str, found: Sequence[Feed], others: Iterable[str], plan: Plan) -> None:
     """Give the feeds found for a channel to their wheels, or to `plan.doubtful`; drop those of `others`."""
     apart = dict.fromkeys(name for name in others if match_name(name, plan.wheels) is None)
     names = [*plan.wheels, *apart]
     # What all have in common, such as the name of the rover, tells no wheel.
-    common = Counter(place for candidate in found for place in set(candidate.places))
+    common = Counter(place for feed in found for place in set(feed.places))
     shares: dict[str, list[Feed]] = {}
-    for candidate in found:
-        places = [place for place in candidate.places if len(found) == 1 or common[place] < len(found)]
+    for feed in found:
+        places = [place for place in feed.places if len(found) == 1 or common[place] < len(found)]
         named = {name for place in places if (name := match_name(place, names))}
-        shares.setdefault(named.pop() if len(named) == 1 else "", []).append(candidate.feed)
+        shares.setdefault(named.pop() if len(named) == 1 else "", []).append(feed)
     for wheel, feeds in shares.items():
         if wheel and wheel not in plan.wheels:
             continue

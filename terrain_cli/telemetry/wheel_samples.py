@@ -31,6 +31,11 @@ CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "
 _GENERIC = re.compile(r"wheel|joint|motor|drive", re.IGNORECASE)
 _LONG_ENOUGH = 4  # Shorter texts occur inside others by chance
 NEEDED = ("load", "torque", "sinkage", "slip")  # What the line y = c + x tan φ is computed from
+#: What `Samples` hold of each sample: some columns, and columns by their names.
+COLUMNS, TABLES = (
+    ("time", "stretch", "distance", "set_aside", "drive", "aside"),
+    ("channels", "labels", "drivers"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +57,9 @@ class Feed:
     of_body: bool = False
     asked: bool = False
     stated: bool = False  # rover.toml or the header states its unit
+    #: Of one found without being asked for, names that might tell its wheel: the parts of the topic, or the
+    #: name beside a list.
+    places: tuple[str, ...] = field(default=(), compare=False)
 
     def si(self, raw: Sequence[Array]) -> Array:
         """Return the channel in SI units from its raw fields, in the order of `fields`."""
@@ -89,8 +97,6 @@ class Feed:
 
 @dataclass(kw_only=True)
 class Plan:
-    """What will be read of one source."""
-
     source: Source
     shared: dict[str, Feed] = field(default_factory=dict)  # Channels of every wheel
     #: Channels of one wheel only; they stand above the shared ones. In a table or topic with a column of
@@ -259,18 +265,11 @@ class Samples:
         return np.flatnonzero(self.set_aside.codes < 0)
 
     def taken(self, rows: Index | Mask | slice) -> Samples:
-        return replace(
-            self,
-            time=None if self.time is None else self.time[rows],
-            channels={name: column[rows] for name, column in self.channels.items()},
-            labels={name: column.take(rows) for name, column in self.labels.items()},
-            stretch=self.stretch[rows],
-            distance=None if self.distance is None else self.distance[rows],
-            set_aside=self.set_aside.take(rows),
-            drivers={name: column[rows] for name, column in self.drivers.items()},
-            drive=None if self.drive is None else self.drive[rows],
-            aside=None if self.aside is None else self.aside[rows],
-        )
+        own = {name: getattr(self, name) for name in COLUMNS}
+        columns: dict[str, Any] = {name: take(one, rows) for name, one in own.items() if one is not None}
+        for name in TABLES:
+            columns[name] = {key: take(one, rows) for key, one in getattr(self, name).items()}
+        return replace(self, **columns)
 
     def reasons(self) -> dict[str, int]:
         """Count the samples set aside by reason, the most frequent first."""

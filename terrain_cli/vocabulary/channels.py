@@ -29,7 +29,7 @@ class Channel:
     _: KW_ONLY
     #: Words, in lower case with underscores, apart by blanks: other names that can mean nothing else.
     aliases: str = ""
-    letters: tuple[str, ...] = ()  # Symbols, which are this channel only as they are written
+    letters: str = ""  # Further symbols: like `symbol` they are this channel only as they are written
 
     @property
     def unit(self) -> Unit | None:
@@ -42,11 +42,7 @@ class Channel:
 # and tractive_effort (thrust or pull), altitude (above an ellipsoid), trial, temperature, tau.
 _CHANNELS = (
     Channel(
-        "time",
-        "t",
-        "time",
-        aliases="timestamp time_stamp stamp datetime time_utc utc_time time_iso_8601",
-        letters=("t",),
+        "time", "t", "time", aliases="timestamp time_stamp stamp datetime time_utc utc_time time_iso_8601"
     ),
     Channel("wheel", "", LABEL, aliases="wheel_name wheel_id"),
     Channel(
@@ -54,16 +50,9 @@ _CHANNELS = (
         "W",
         "force",
         aliases="normal_load vertical_load wheel_load normal_force vertical_force fz fz_load",
-        letters=("W",),
     ),
-    Channel(
-        "torque",
-        "T",
-        "torque",
-        aliases="wheel_torque drive_torque driving_torque wheel_drive_torque",
-        letters=("T",),
-    ),
-    Channel("sinkage", "z", "length", aliases="wheel_sinkage", letters=("z",)),
+    Channel("torque", "T", "torque", aliases="wheel_torque drive_torque driving_torque wheel_drive_torque"),
+    Channel("sinkage", "z", "length", aliases="wheel_sinkage"),
     # From the vertical, where the rim meets the ground.
     Channel("entry_angle", "θ1", "angle", aliases="theta1 theta_1 θ1 θ_1"),
     Channel(
@@ -71,7 +60,6 @@ _CHANNELS = (
         "ω",
         "angular speed",
         aliases="omega angular_speed wheel_angular_velocity wheel_angular_speed",
-        letters=("ω",),
     ),
     # Forward, of the wheel centre.
     Channel(
@@ -79,35 +67,31 @@ _CHANNELS = (
         "V",
         "speed",
         aliases="forward_velocity forward_speed travel_velocity travel_speed longitudinal_velocity",
-        letters=("V", "v"),
+        letters="v",
     ),
-    Channel("slip", "i", "ratio", aliases="slip_ratio wheel_slip longitudinal_slip", letters=("i",)),
-    Channel("drawbar_pull", "DP", "force", aliases="drawbar drawbar_force", letters=("DP",)),
-    # Positive nose up.
-    Channel("pitch", "", "angle", aliases="pitch_angle"),
-    # Positive left side up.
-    Channel("roll", "", "angle", aliases="roll_angle"),
-    # Positive to the left.
-    Channel("yaw_rate", "", "angular speed"),
+    Channel("slip", "i", "ratio", aliases="slip_ratio wheel_slip longitudinal_slip"),
+    Channel("drawbar_pull", "DP", "force", aliases="drawbar drawbar_force"),
+    Channel("pitch", "", "angle", aliases="pitch_angle"),  # Positive nose up
+    Channel("roll", "", "angle", aliases="roll_angle"),  # Positive left side up
+    Channel("yaw_rate", "", "angular speed"),  # Positive to the left
     Channel("motor_current", "", "current", aliases="drive_motor_current"),
     Channel("motor_temperature", "", "temperature", aliases="motor_temp drive_motor_temperature"),
     # Along the track.
     Channel("acceleration", "", "acceleration", aliases="forward_acceleration longitudinal_acceleration"),
-    # How many wheels drove here before.
-    Channel("pass_number", "", "ratio", aliases="pass_no"),
-    Channel("slip_angle", "β", "angle", aliases="beta sideslip_angle side_slip_angle", letters=("β",)),
-    Channel("x", "", "length", aliases="easting", letters=("x",)),
-    Channel("y", "", "length", aliases="northing", letters=("y",)),
-    # Like x and y in the site frame.
-    Channel("elevation", "", "length"),
+    Channel("pass_number", "", "ratio", aliases="pass_no"),  # How many wheels drove here before
+    Channel("slip_angle", "β", "angle", aliases="beta sideslip_angle side_slip_angle"),
+    Channel("x", "", "length", aliases="easting", letters="x"),
+    Channel("y", "", "length", aliases="northing", letters="y"),
+    Channel("elevation", "", "length"),  # Like x and y in the site frame
     Channel("longitude", "", "coordinate", aliases="lon lng"),
     Channel("latitude", "", "coordinate", aliases="lat"),
     Channel("terrain", "", LABEL, aliases="terrain_label terrain_type terrain_class"),
-    # One continuous drive.
-    Channel("run", "", LABEL, aliases="run_id run_name"),
+    Channel("run", "", LABEL, aliases="run_id run_name"),  # One continuous drive
 )
 CHANNELS: dict[str, Channel] = {channel.name: channel for channel in _CHANNELS}
-_LETTERS = {letter: channel for channel in _CHANNELS for letter in channel.letters}
+_LETTERS = {
+    letter: channel for channel in _CHANNELS for letter in (channel.symbol, *channel.letters) if letter
+}
 #: Alone it may be ω or a load, with its unit only one of them.
 _OPEN_LETTERS = {"w": ("angular_velocity", "load")}
 _WORDS = {

@@ -69,12 +69,8 @@ def quantity(name: str, unit: str) -> Quantity:
     """Return how a channel or driver is shown; its unit is SI, and empty where it is not known."""
     channel = CHANNELS.get(name)
     shown, factor = ("mm", 1e3) if name in _IN_MM and unit == "m" else _SHOWN.get(unit, (unit, 1.0))
-    return Quantity(
-        name.replace("_", " ") if channel or name in _DERIVED else name,
-        channel.symbol if channel else "",
-        shown,
-        factor,
-    )
+    words = name.replace("_", " ") if channel or name in _DERIVED else name
+    return Quantity(words, channel.symbol if channel else "", shown, factor)
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -33,6 +33,7 @@ _DOTTED = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{_PARTS}}}{_PART
 
 
 def read_text(path: str | Path) -> str:
+    """Read a file of a person's own, of one that is too long so much that `parse` refuses it."""
     from formats.byte_sources import read_short
     from formats.errors import FormatError
 
@@ -46,8 +47,6 @@ def read_text(path: str | Path) -> str:
         raise ConfigurationError(f"{path}: {(error.strerror or str(error)).lower()}") from error
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"{path}: not text in UTF-8", hint="save it as UTF-8") from error
-    if len(text) > _LONGEST:
-        raise ConfigurationError(f"{path}: longer than {_LONGEST:,} characters")
     return text
 
 
@@ -77,7 +76,6 @@ def shown(value: object) -> str:
 
 
 def require(values: Mapping[str, object], place: str, *keys: str) -> None:
-    """Refuse a table that lacks a key."""
     for key in keys:
         if key not in values:
             raise ConfigurationError(f"{place}: {key} is missing")

@@ -17,7 +17,7 @@ import formats
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.telemetry import Samples, alignment
 from terrain_cli.telemetry.mapping import is_table
-from terrain_cli.telemetry.raw_columns import as_clock, as_labels, as_numbers, read_whole
+from terrain_cli.telemetry.raw_columns import as_clock, as_labels, as_numbers, read_topics
 from terrain_cli.vocabulary.channels import identify, resolve
 from terrain_cli.vocabulary.quantities import the_wheel
 
@@ -77,7 +77,7 @@ def load(path: str, crs: str | None = None) -> Places:
     wanted = [header for header, _ in found.values()]
     wanted += [names[name] for name in (*KEYS, _FRAME, _CLOCK) if name in names]
     wanted += latitudes.values()
-    columns = read_whole(source, "", sorted(set(wanted)))
+    columns = read_topics(source, {"": sorted(set(wanted))})[""]
     rows = _of_rover(columns, names.get(_FRAME))
     position = {
         channel: _si(columns[header], unit)[rows]

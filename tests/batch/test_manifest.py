@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import closing
 
 import pytest
 
 from formats.errors import CannotWriteError
-from terrain_cli.batch.manifest import Manifest, ManifestEntry, parse
+from terrain_cli.batch.batch_folder import Folder
+from terrain_cli.batch.manifest import GrowingFile, ManifestEntry, entries_of, parse
 
 
 def entry(number=0, **more):
@@ -31,12 +33,12 @@ def test_what_is_written_is_read(tmp_path):
         entry(1, record=(5, 7, "ef")),
         entry(2, status="failed", error="2.bag: line 1\nline 2\r\x00"),
     ]
-    manifest = Manifest(tmp_path / "manifest.jsonl")
+    manifest = GrowingFile(tmp_path / "manifest.jsonl", 0)
     for one in written:
-        manifest.add(one)
+        manifest.append(one.line())
     manifest.close()
     assert len((tmp_path / "manifest.jsonl").read_text("utf-8").splitlines()) == 3
-    assert Manifest(tmp_path / "manifest.jsonl", writable=False).entries == written
+    assert entries_of(tmp_path / "manifest.jsonl")[0] == written
 
 
 def test_a_name_that_is_no_text():
@@ -52,23 +54,21 @@ def test_cut_anywhere(tmp_path, monkeypatch):
     first = len(entry(0).line())
     for cut in range(len(content) + 1):
         path.write_bytes(content[:cut])
-        manifest = Manifest(path)
+        entries, size = entries_of(path)
         whole = [entry(0)] * (cut >= first) + [entry(1)] * (cut == len(content))
-        assert manifest.entries == whole
-        manifest.add(entry(2))
+        assert entries == whole
+        manifest = GrowingFile(path, size)
+        manifest.append(entry(2).line())
         manifest.close()
-        again = Manifest(path, writable=False)
-        assert again.entries == [*whole, entry(2)]
+        assert entries_of(path)[0] == [*whole, entry(2)]
 
 
 def test_to_look_changes_nothing(tmp_path):
     path = tmp_path / "manifest.jsonl"
     path.write_bytes(entry(0).line() + b'{"path": "in/')
-    manifest = Manifest(path, writable=False)
-    assert manifest.entries == [entry(0)]
+    with closing(Folder(str(tmp_path), writable=False)) as folder:
+        assert list(folder.latest.values()) == [entry(0)]
     assert path.read_bytes().endswith(b'{"path": "in/')
-    with pytest.raises(CannotWriteError):
-        manifest.add(entry(1))
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,7 @@ def test_to_look_changes_nothing(tmp_path):
 def test_a_line_that_says_nothing(tmp_path, line):
     path = tmp_path / "manifest.jsonl"
     path.write_bytes(entry(0).line() + line + b"\n" + entry(1).line())
-    manifest = Manifest(path)
-    assert manifest.entries == [entry(0), entry(1)]
+    assert entries_of(path)[0] == [entry(0), entry(1)]
 
 
 def test_keys_of_a_later_version():
@@ -89,5 +88,5 @@ def test_a_link_is_not_followed(tmp_path):
     (tmp_path / "victim").write_text("mine")
     (tmp_path / "manifest.jsonl").symlink_to(tmp_path / "victim")
     with pytest.raises(CannotWriteError):
-        Manifest(tmp_path / "manifest.jsonl")
+        Folder(str(tmp_path))
     assert (tmp_path / "victim").read_text() == "mine"

@@ -9,7 +9,7 @@ from binascii import crc32
 import numpy as np
 from bags import MCAP, ROS1, typestore, write_ros1, write_ros2
 
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 
 JOINTS, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 N = 120

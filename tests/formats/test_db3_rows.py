@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 from formats.rosbag.storage import db3_rows
 from formats.rosbag.storage.db3 import Db3File
 from formats.table import LOG_TIME

@@ -21,7 +21,8 @@ import formats
 from formats import limits, page_claims
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.page_claims import check_pages
-from formats.rosbag import BagSource, bag_files, containers
+from formats.rosbag import bag_files, containers
+from formats.rosbag.bag_source import BagSource
 from formats.rosbag.storage.raw_messages import unpack, zstd
 
 NOTHING = bytes(64 << 20)

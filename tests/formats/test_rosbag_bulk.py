@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from test_bulk_extraction import requests
 
 from formats.errors import FormatError
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 from formats.rosbag.decoder import decoded, extract
 from formats.rosbag.definitions import define
 from formats.rosbag.storage import chunks, mcap, ros1

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from formats.errors import FormatError, NotFoundError
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 from formats.table import LOG_TIME, STAMP, Labels
 
 WRENCH, SOIL = "geometry_msgs/msg/WrenchStamped", "rover_msgs/msg/Soil"

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from profiles import examples
 
 from formats.errors import DamagedError, FormatError
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 
 JOINTS, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 N = 120

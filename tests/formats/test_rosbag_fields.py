@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from formats.errors import DamagedError, FormatError
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 from formats.table import LOG_TIME, STAMP, Labels
 
 JOINTS, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"

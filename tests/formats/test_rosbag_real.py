@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from formats.rosbag import BagSource
+from formats.rosbag.bag_source import BagSource
 from formats.table import LOG_TIME, STAMP, Labels
 
 BAGS = Path(__file__).parents[2] / ".." / "shared" / "data" / "bags"

@@ -140,7 +140,7 @@ def test_bags_are_told_by_their_first_bytes(monkeypatch):
     opened = []
     monkeypatch.setitem(
         sys.modules,
-        "formats.rosbag",
+        "formats.rosbag.bag_source",
         SimpleNamespace(
             BagSource=lambda path, kind, **_: (
                 opened.append((path, kind)) or SimpleNamespace(kind=kind, remarks=[])

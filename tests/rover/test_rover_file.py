@@ -7,6 +7,7 @@ import pytest
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.rover import Motor, Rover, SensorNoise, Vehicle, find, load
+from terrain_cli.telemetry import rover_advice
 
 CONTRACT = """
 [wheel]
@@ -71,7 +72,7 @@ def write(tmp_path):
 def test_the_minimum_of_the_contract(write):
     rover = load(write(CONTRACT))
     wheel = rover.wheel()
-    assert rover.geometry(wheel) == (0.125, 0.1)
+    assert (wheel.radius, wheel.width) == (0.125, 0.1)
     assert (wheel.grouser_count, wheel.grouser_height) == (12, 0.0)
     assert rover.soil_shear_modulus() == 0.018
     torque, sinkage, weight, pull = (
@@ -88,8 +89,8 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
     rover = load(write(FOUR_WHEELS))
     front, rear = rover.wheel("front-left"), rover.wheel("rear-left")
     assert list(rover.wheels) == ["front-left", "rear-left"]
-    assert rover.geometry(front) == (0.1, 0.08)
-    assert rover.geometry(rear) == (0.12, 0.08)
+    assert (front.radius, front.width) == (0.1, 0.08)
+    assert (rear.radius, rear.width) == (0.12, 0.08)
     assert (front.grouser_height, rear.grouser_height) == (0.0, 0.01)
     assert front.motor == Motor(torque_constant=0.03, gear_ratio=50.0)
     assert rear.motor == Motor(torque_constant=0.03, gear_ratio=60.0)
@@ -318,9 +319,9 @@ def test_a_file_that_cannot_be_read(tmp_path, make, message):
 def test_without_a_file_the_missing_lines_are_named():
     rover = load(None)
     assert rover == Rover()
-    with pytest.raises(ConfigurationError, match=r"no rover\.toml to give the radius and width") as error:
-        rover.geometry(rover.wheel("fl"))
-    assert error.value.hint.endswith("\n[wheel]\nradius = …  # m\nwidth = …  # m")
+    geometry, _ = rover_advice.settings(rover.wheel("fl"), rover)
+    assert geometry.because == "the radius and width of the wheel"
+    assert geometry.lines == ("[wheel]", "radius = …  # m", "width = …  # m")
     with pytest.raises(ConfigurationError) as error:
         rover.soil_shear_modulus()
     assert error.value.hint.endswith("\n[soil]\nshear_modulus = …  # m")
@@ -329,10 +330,8 @@ def test_without_a_file_the_missing_lines_are_named():
 def test_with_a_file_only_what_it_lacks_is_named(write):
     path = write("[wheel]\nradius = 0.1\n[wheels.fl]\n")
     rover = load(path)
-    with pytest.raises(ConfigurationError) as error:
-        rover.geometry(rover.wheel("fl"))
-    assert str(error.value) == f"{path} does not give the width of wheel fl"
-    assert error.value.hint == f"add to {path}:\n[wheel]\nwidth = …  # m"
+    geometry, _ = rover_advice.settings(rover.wheel("fl"), rover)
+    assert (geometry.because, geometry.lines) == ("the width of the wheel", ("[wheel]", "width = …  # m"))
     with pytest.raises(ConfigurationError) as error:
         rover.positions()
     assert error.value.hint == f"add to {path}:\n[wheels.fl]\nposition = [x, y, z]  # m"

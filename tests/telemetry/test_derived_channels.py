@@ -59,7 +59,7 @@ def test_velocity_is_what_slip_was_made_of(omega, slip, direction):
 
 
 def test_velocity_of_no_possible_slip():
-    assert np.isnan(derived_channels.velocity([1.0, 1.0], [-1.0, -2.0], 0.1)).all()
+    assert np.isnan(derived_channels.velocity(np.ones(2), np.array([-1.0, -2.0]), 0.1)).all()
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_velocity_of_no_possible_slip():
 )
 def test_torque_from_current(current, temperature, omega, expected):
     torque = derived_channels.torque_from_current(
-        [current], MOTOR, temperature=temperature, angular_velocity=omega
+        np.array([current]), MOTOR, temperature=temperature, angular_velocity=omega
     )
     assert torque == pytest.approx([expected], rel=1e-12, abs=1e-15, nan_ok=True)
 
@@ -88,7 +88,7 @@ def test_torque_from_current(current, temperature, omega, expected):
 def test_torque_of_a_bare_motor_is_its_constant_times_the_current():
     np.testing.assert_allclose(
         derived_channels.torque_from_current(
-            [1.0, -2.0], Motor(torque_constant=0.03), temperature=[20.0, 80.0]
+            np.array([1.0, -2.0]), Motor(torque_constant=0.03), temperature=np.array([20.0, 80.0])
         ),
         [0.03, -0.06],
     )

@@ -79,10 +79,9 @@ def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
         where=None,
         effects=effects,
     )
-    names = raw_channels.fields(layout, CHANNELS, layout.extras)
-    batches = list(source.read("", names, 50))
+    batches = list(source.read("", raw_channels.fields(request), 50))
     begin = batches[:3] if rows is None else [raw_columns.whole(batches[:rows])]
-    return list(long_logs.in_parts(request, begin, iter(batches[rows or 3 :])))
+    return list(long_logs.in_parts(request, [*begin, *batches[rows or 3 :]]))
 
 
 def by_wheel(found):

@@ -295,17 +295,9 @@ def test_an_entry_angle_beyond_half_a_turn_is_no_depth(drive, judged, tmp_path):
 def in_parts(path, rover):
     source = open_source(path)
     layout = mapping.plan(source, rover)
-    request = assembly.Request(
-        layout=layout,
-        rover=rover,
-        channels=frozenset(CHANNELS),
-        extras=layout.extras,
-        wheels=(),
-        where=None,
-        effects=None,
-    )
-    batches = source.read("", raw_channels.fields(layout, CHANNELS, layout.extras), 50)
-    return list(long_logs.in_parts(request, [next(batches)], batches))
+    request = assembly.Request(layout=layout, rover=rover, extras=layout.extras)
+    batches = source.read("", raw_channels.fields(request), 50)
+    return list(long_logs.in_parts(request, batches))
 
 
 def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):

@@ -102,9 +102,9 @@ def test_a_clock_may_begin_at_zero_but_a_stamp_of_zero_is_none(stamps, believed)
 def test_no_more_is_held_than_there_is_memory_for(tmp_path, monkeypatch):
     path = tmp_path / "log.csv"
     path.write_text("time,load\n" + "0.5,81\n" * 1_000)
-    assert len(raw_columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
+    assert len(raw_columns.read_topics(open_source(str(path)), {"": ["time"]})[""]["time"]) == 1_000
     monkeypatch.setattr(raw_columns, "most_held", lambda: 8_191)
-    assert len(raw_columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
+    assert len(raw_columns.read_topics(open_source(str(path)), {"": ["time"]})[""]["time"]) == 1_000
     with pytest.raises(InputError, match=r"too long to be read whole: .* 8,191 bytes") as caught:
-        raw_columns.read_whole(open_source(str(path)), "", ["time", "load"])
+        raw_columns.read_topics(open_source(str(path)), {"": ["time", "load"]})
     assert "Long logs" in caught.value.hint

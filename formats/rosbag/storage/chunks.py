@@ -41,8 +41,9 @@ class Chunk:
     unpack: Callable[[bytes], bytes | memoryview]  # Makes the contents of them
     slow: bool  # It is worth a thread
     first: int  # The least log time in it, ns
-    #: Of each connection its number, where its entries begin, and how many there are; None: to be walked.
-    index: tuple[tuple[int, int, int], ...] | None
+    #: Of each connection its number, where its entries begin, and how many there are; or what makes entries,
+    #: by connection, of the contents.
+    index: tuple[tuple[int, int, int], ...] | Callable[[bytes | memoryview], dict[int, NDArray[Any]]]
 
 
 class Layout(Protocol):
@@ -54,8 +55,6 @@ class Layout(Protocol):
     def entries(self, of: NDArray[Any]) -> tuple[Index, Index]: ...
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
         """Return starts and sizes of payloads by the places of their records; any error where one differs."""
-
-    def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]: ...  # An index where there is none
 
 
 #: Messages by the number of their connection, all in one buffer.
@@ -77,7 +76,7 @@ def runs(
     chosen = sorted(
         (chunk.first, rank, chunk)
         for rank, chunk in enumerate(chunks)
-        if chunk.index is None or any(connection in wanted for connection, _, _ in chunk.index)
+        if callable(chunk.index) or any(connection in wanted for connection, _, _ in chunk.index)
     )
     if not chosen:
         return
@@ -172,8 +171,8 @@ def _locate(
 def _entries(
     file: BinaryIO, chunk: Chunk, data: bytes | memoryview, wanted: Collection[int], layout: Layout
 ) -> Iterator[tuple[int, NDArray[Any]]]:
-    if chunk.index is None:
-        yield from ((c, entries) for c, entries in layout.walk(data).items() if c in wanted)
+    if callable(chunk.index):
+        yield from ((c, entries) for c, entries in chunk.index(data).items() if c in wanted)
         return
     for connection, begin, count in chunk.index:
         if count and connection in wanted:

@@ -73,12 +73,8 @@ class Db3File:
         try:
             self._read_topics(self._database)
         except MemoryError as error:
-            self.close()
             # Damaged pages may have SQLite ask for more than there is.
             raise sqlite3.DatabaseError("its pages are damaged: SQLite ran out of memory") from error
-        except BaseException:
-            self.close()
-            raise
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
         refuse_what_calculates(database)

@@ -85,7 +85,7 @@ class McapFile(McapReader):
                 unpack=partial(_contents, told=chunk),
                 slow=bool(chunk.compression),
                 first=chunk.message_start_time,
-                index=self._index(chunk),
+                index=self._index(chunk) or _walk,
             )
             for chunk in sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset)
         ]
@@ -144,7 +144,7 @@ class McapFile(McapReader):
             if code == _CHUNK_CODE:
                 (start,) = _LENGTH.unpack_from(head, RECORD)
                 size = RECORD + length
-                chunk = Chunk(position=at, stored=size, unpack=_contents, slow=True, first=start, index=None)
+                chunk = Chunk(position=at, stored=size, unpack=_contents, slow=True, first=start, index=_walk)
                 found.append(chunk)
                 begin = behind
             elif code == _MESSAGE_CODE:
@@ -170,23 +170,25 @@ class McapFile(McapReader):
             raise ValueError("an index and the message it points at differ")
         return records + _HEAD.itemsize, heads["length"] - _MESSAGE
 
-    def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
-        begins = [begin - RECORD for code, begin, _ in records(chunk) if code == _MESSAGE_CODE]
-        places = np.array(begins, dtype=np.int64)
-        heads = parts_at(chunk, places, _HEAD.itemsize).view(_HEAD)
-        found = {}
-        for connection in np.unique(heads["channel"]):
-            own = heads["channel"] == connection
-            found[int(connection)] = entries = np.empty(np.count_nonzero(own), ENTRY)
-            entries["time"], entries["place"] = heads["time"][own], places[own]
-        return found
+
+def _walk(chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
+    """Return what an index would have."""
+    begins = [begin - RECORD for code, begin, _ in records(chunk) if code == _MESSAGE_CODE]
+    places = np.array(begins, dtype=np.int64)
+    heads = parts_at(chunk, places, _HEAD.itemsize).view(_HEAD)
+    found = {}
+    for connection in np.unique(heads["channel"]):
+        own = heads["channel"] == connection
+        found[int(connection)] = entries = np.empty(np.count_nonzero(own), ENTRY)
+        entries["time"], entries["place"] = heads["time"][own], places[own]
+    return found
 
 
 def _loose(begin: int, end: int, first: int | None) -> list[Chunk]:
     """Take records in no chunk, the first message among them of this time, as one; nothing without any."""
     if first is None:
         return []
-    return [Chunk(position=begin, stored=end - begin, unpack=bytes, slow=False, first=first, index=None)]
+    return [Chunk(position=begin, stored=end - begin, unpack=bytes, slow=False, first=first, index=_walk)]
 
 
 def _contents(record: bytes | memoryview, told: ChunkInfo | None = None) -> bytes | memoryview:

@@ -201,7 +201,6 @@ class RecordFile(SalvagedFile):
             self.take(rows, tame(rows), lambda: self.data[first:last])
 
     def lose(self, damage: str) -> None:
-        """Note that something is lost here."""
         self.end_loose()
         if damage not in self.recovery.damage:
             self.recovery.damage.append(damage)

@@ -113,10 +113,6 @@ class Ros1File(Reader):
             data[row] = _data_of(buffer, int(records[row]), connection, int(times[row]))
         return data + 4, numbers_at(buffer, data, "<u4").astype(np.int64)
 
-    def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
-        """Refuse it as damaged: rosbags opens no file of which an index is missing."""
-        raise ValueError(f"a chunk of {len(chunk):,} bytes has no index")
-
 
 def _fields(header: bytes) -> dict[bytes, int] | None:
     """Return where the values of the header of a message begin; None if they are not all there."""

@@ -42,8 +42,6 @@ _COLUMNS = ("topic_id", "timestamp", "data")
 
 
 class SalvagedDb3(SalvagedFile):
-    """What can be read of one SQLite file."""
-
     def open(self) -> None:
         """Find the readable pages; what a log beside the file holds is put into a copy first."""
         files = [Path(f"{self.path}{ending}") for ending in SIDE_FILES]

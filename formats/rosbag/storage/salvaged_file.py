@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats.limits import CONNECTIONS, Allowance, TooMuchError
+from formats.limits import Allowance
 from formats.recovery import Recovery
 from formats.rosbag.storage.raw_messages import Messages, widen
 
@@ -81,8 +81,6 @@ class SalvagedFile(ABC):
 
     def _settle(self, known: dict[int, Connection]) -> None:
         """Keep the messages of known connections, and count them."""
-        if len(known) > CONNECTIONS:
-            raise TooMuchError(f"it has more than {CONNECTIONS:,} connections")
         numbers = np.array(sorted(known), dtype=np.int64)
         kept = []
         for piece in self.pieces:

@@ -40,8 +40,6 @@ _FORMATS = FORMATS | {"omgidl": MessageDefinitionFormat.IDL}
 
 
 class SalvagedMcap(RecordFile):
-    """What can be read of one MCAP file."""
-
     magic = b"\x89MCAP0\r\n"
     describes = _CHANNEL
     is_cut = ": its index is missing"

@@ -57,7 +57,6 @@ class _BagRecord:
         return self.fields.get(b"op", b"\0")[0] if len(self.fields.get(b"op", b"")) == 1 else 0
 
     def number(self, name: bytes, code: str = "<I") -> int:
-        """Return a field that is a number."""
         value: int = struct.unpack(code, self.fields.get(name, b""))[0]
         return value
 
@@ -84,7 +83,6 @@ def _read_record(data: Any, at: int) -> _BagRecord:
 
 
 def _fields_of(header: bytes) -> dict[bytes, bytes]:
-    """Return the fields of a header by their names."""
     fields, at = {}, 0
     while at < len(header):
         (size,) = struct.unpack_from("<I", header, at)
@@ -97,8 +95,6 @@ def _fields_of(header: bytes) -> dict[bytes, bytes]:
 
 
 class SalvagedRos1(RecordFile):
-    """What can be read of one ROS 1 bag."""
-
     magic = b"#ROSBAG V2.0\n"
     describes = _CONNECTION
     is_damaged = " is damaged"
