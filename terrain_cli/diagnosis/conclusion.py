@@ -52,6 +52,9 @@ class Evidence:
     drive: str = ""  # What would tell the best of the family from another, as a command to a person
     checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
     points: bool = False  # The data are steady test points, not drives
+    several: int = 0  # Soils of one ground, for all of which an effect may stand; a diagnosis tells
+    # Soils on which the ratios are, and how many segments have that are theirs, where these are more
+    fewer: tuple[int, int] = (0, 0)
 
     @property
     def misses(self) -> bool:
@@ -85,6 +88,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         ended=comparison.refused.ended,
         unrecorded=scores.unrecorded if scores else (),
         points=comparison.points,
+        several=scores.soils if scores else 0,
     )
 
 
@@ -105,8 +109,9 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     credible = [one for one in found.candidates if not one.doubt]
     shares = [(min(one.explained, _share(found, one)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
+    fewer = _fewer(found) if found.heldout and found.alarm.raised else (0, 0)
     return Evidence(
-        ratios=_ratios(found.comparison),
+        ratios=_ratios(found.comparison, found.heldout if all(fewer) else None),
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         stretch=found.comparison.stretch,
@@ -127,7 +132,13 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         # Of a pair it may be several.
         checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
+        fewer=fewer,
     )
+
+
+def _fewer(found: Diagnosis) -> tuple[int, int]:
+    segments = sum(len(wheel.windows) for wheel in found.comparison.wheels)
+    return (found.soils, segments) if found.soils < segments else (0, 0)
 
 
 def _law(law: UnknownEffect) -> str:
@@ -180,7 +191,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
             # A first check alone is no proof where the errors are those of noise.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
-        size = _size(above) if above else _not_random(known)
+        size = _on_fewer(found) + (_size(above) if above else _not_random(known))
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
@@ -194,7 +205,15 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     if above or found.raised:
         return _unexplained(found, above, known, asked)
     told = f"The model fits to the noise: {_at_most(known)}, and no effect stands out.{_unseen(found)}"
-    return Conclusion("fits", told)
+    command = asked.looked("diagnose") if found.several and not found.ended else ""
+    if command:
+        told += f" It takes {found.several} soils: whether an effect can stand for them, a diagnosis tells."
+    return Conclusion("fits", f"{told} Next: {command}" if command else told, command)
+
+
+def _on_fewer(found: Evidence) -> str:
+    soils, segments = found.fewer
+    return f"with {counted(soils, 'soil')} in place of {segments}, " if soils else ""
 
 
 def _unseen(found: Evidence) -> str:

@@ -93,6 +93,7 @@ def diagnose(
             together=decision.together,
             unrecorded=screening.unrecorded(case.effects, log.data.wheels),
             heldout=steps.as_it_is(ranked.log),
+            soils=sum(len(wheel.windows) for wheel in ranked.log.data.wheels),
         ),
     )
 

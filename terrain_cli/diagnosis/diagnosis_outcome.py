@@ -176,6 +176,7 @@ class Diagnosis:
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`
     heldout: Mapping[str, float] = field(default_factory=dict)
+    soils: int = 0  # On which the candidates were fitted, where there are any
 
 
 @dataclass(frozen=True, kw_only=True)

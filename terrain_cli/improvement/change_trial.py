@@ -153,8 +153,8 @@ def _needed_soils(
     windows, told = several_soils.as_needed(
         second, after, without=before, effects=[] if ratio.high < 1.0 else new
     )
-    if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
-        # With fewer soils it predicts better: what it is worth shows on these.
+    if not told and ratio.low <= 1.0 <= ratio.high and _soils(second) < _soils(first):
+        # With fewer soils it predicts as well: what it is worth shows on these.
         enough = counted(_soils(second), "soil")
         names = " and ".join(one.id for one in new)
         told = [f"with {names}, {enough} will do: both models are compared on {enough}"]

@@ -36,6 +36,20 @@ def evidence(ratios, **known):
     [
         pytest.param(evidence(FINE), "fits", FITS, "", id="noise, by scores"),
         pytest.param(evidence(FINE, verdict="none"), "fits", FITS, "", id="noise, by a diagnosis"),
+        pytest.param(
+            evidence({**FINE, "drawbar pull": 1.0}, several=3),
+            "fits",
+            FITS + " stands out. It takes 3 soils: whether an effect can stand for them, a diagnosis tells.",
+            LOOK,
+            id="noise, on several soils",
+        ),
+        pytest.param(
+            evidence(OFF, raised=True, verdict="effect", family=("slope",), fewer=(1, 2)),
+            "explained",
+            MISSES.replace("the held-out", "with 1 soil in place of 2, the held-out") + "slope explains it.",
+            NEW + "slope" + DATA,
+            id="one name on fewer soils",
+        ),
         pytest.param(evidence(OFF, raised=True), "explained", MISSES + POSSIBLE, LOOK, id="scores"),
         pytest.param(
             evidence(OFF, raised=True, tracked=True),
