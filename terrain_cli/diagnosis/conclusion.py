@@ -53,8 +53,9 @@ class Evidence:
     checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
     points: bool = False  # The data are steady test points, not drives
     several: int = 0  # Soils of one ground, for all of which an effect may stand; a diagnosis tells
-    # Soils on which the ratios are, and how many segments have that are theirs, where these are more
+    # Soils on which the ratios are, and how many the segments have, where these are more
     fewer: tuple[int, int] = (0, 0)
+    steps: bool = False  # By a diagnosis: within segments the soil changes, which takes most of what is left
 
     @property
     def misses(self) -> bool:
@@ -109,7 +110,8 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     credible = [one for one in found.candidates if not one.doubt]
     shares = [(min(one.explained, _share(found, one)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
-    fewer = _fewer(found) if found.heldout and found.alarm.raised else (0, 0)
+    soils, segments = found.soils
+    fewer = found.soils if found.alarm.raised and soils < segments else (0, 0)
     return Evidence(
         ratios=_ratios(found.comparison, found.heldout if all(fewer) else None),
         blocks=found.comparison.blocks,
@@ -133,12 +135,8 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
         fewer=fewer,
+        steps=soils > segments,
     )
-
-
-def _fewer(found: Diagnosis) -> tuple[int, int]:
-    segments = sum(len(wheel.windows) for wheel in found.comparison.wheels)
-    return (found.soils, segments) if found.soils < segments else (0, 0)
 
 
 def _law(law: UnknownEffect) -> str:
@@ -278,11 +276,14 @@ def _unexplained(
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = asked.added((found.closest,))
     else:
-        why = (
-            f"{_too_few(found)} to show why" if few else "nothing that was recorded explains it beyond chance"
-        )
+        why = "nothing that was recorded explains it beyond chance"
+        if found.steps:
+            why = "the soil changes, as a note says, and nothing else explains as much of it beyond chance"
+        why = f"{_too_few(found)} to show why" if few else why
     then = f"Next: {command}" if command else _record(found, few=few)
-    told = f"The model misses something: {size}, and {why}. {then}"
+    # That something is missing is not known: a soil that varies leaves as much.
+    what = "does not fit to the noise" if above else "may miss something"
+    told = f"The model {what}: {size}; {why}. {then}"
     return Conclusion("unexplained", told, command, found.unrecorded)
 
 
@@ -382,7 +383,10 @@ def _record(found: Evidence, *, few: bool) -> str:
     if few:
         return _more(found)
     again = "Repeat the test points in another order" if found.points else "Drive the same track again"
-    told = f"{again}. If the misfit returns, the model lacks something; if it changes, the soil varies."
+    told = (
+        f"The soil may vary, or the model lacks something. {again}: if the misfit changes, it is the soil; "
+    )
+    told += "if it returns, the model."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

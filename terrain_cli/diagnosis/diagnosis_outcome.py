@@ -176,7 +176,7 @@ class Diagnosis:
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`
     heldout: Mapping[str, float] = field(default_factory=dict)
-    soils: int = 0  # On which the candidates were fitted, where there are any
+    soils: tuple[int, int] = (0, 0)  # On which effects were looked for, and those of the segments
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,8 @@ UNKNOWN = {"torque": math.nan}
 MISSES = (
     "The model misses something: the held-out error is 8.6 × the noise in torque and 12 × in sinkage, and "
 )
+UNFIT = f"The model does not fit to the noise: {MISSES[28:-6]}; "
+AGAIN = "The soil may vary, or the model lacks something. Drive the same track again: if the misfit changes,"
 SMALL = "The model may miss something: the held-out error is at most 1.02 × the noise (in torque), but "
 POSSIBLE = "a first check of the effects finds a possible cause."
 FITS = (
@@ -185,53 +187,62 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF),
             "unexplained",
-            MISSES + "a first check of the effects finds no cause.",
+            UNFIT + "a first check of the effects finds no cause.",
             LOOK,
             id="scores silent",
         ),
         pytest.param(
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
-            MISSES + "nothing that was recorded explains it beyond chance. Drive the same track again. "
-            "If the misfit returns, the model lacks something; if it changes, the soil varies. "
-            "Also record a channel that effects need: pitch or slip angle.",
+            UNFIT
+            + "nothing that was recorded explains it beyond chance. "
+            + AGAIN
+            + " it is the soil; if it returns, the model. Also record a channel that effects need: pitch or "
+            + "slip angle.",
             "",
             id="nothing follows",
         ),
         pytest.param(
+            evidence(OFF, verdict="none", steps=True),
+            "unexplained",
+            UNFIT
+            + "the soil changes, as a note says, and nothing else explains as much of it beyond chance. ",
+            "",
+            id="the soil changes",
+        ),
+        pytest.param(
             evidence(OFF, verdict="none", points=True),
             "unexplained",
-            MISSES + "nothing that was recorded explains it beyond chance. "
-            "Repeat the test points in another order. If the misfit returns,",
+            UNFIT + "nothing that was recorded explains it beyond chance. "
+            "The soil may vary, or the model lacks something. Repeat the test points in another order: if",
             "",
             id="nothing follows of test points",
         ),
         pytest.param(
             evidence(OFF, verdict="none"),
             "unexplained",
-            MISSES + "nothing that was recorded explains it beyond chance. Drive the same track again. "
-            "If the misfit returns, the model lacks something; if it changes, the soil varies.",
+            UNFIT + "nothing that was recorded explains it beyond chance. " + AGAIN,
             "",
             id="all is recorded",
         ),
         pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",), refused=("slope",)),
             "unexplained",
-            MISSES + "slope was tried and does not pay.",
+            UNFIT + "slope was tried and does not pay.",
             "",
             id="tried, and did not pay",
         ),
         pytest.param(
             evidence(OFF, raised=True, verdict="unknown", refused=("law.toml",)),
             "unexplained",
-            MISSES + "law.toml was tried and does not pay.",
+            UNFIT + "law.toml was tried and does not pay.",
             "",
             id="a law that did not pay",
         ),
         pytest.param(
             evidence(OFF, raised=True, tracked=True, refused=("stiffness-with-load",)),
             "unexplained",
-            MISSES + "stiffness-with-load was tried and does not pay. Drive the same track again.",
+            UNFIT + "stiffness-with-load was tried and does not pay. " + AGAIN,
             "",
             id="a law that a diagnosis drafted before",
         ),
@@ -245,42 +256,42 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, refused=("slope",)),
             "unexplained",
-            MISSES + "slope was tried and does not pay.",
+            UNFIT + "slope was tried and does not pay.",
             NEW + "--until-quiet" + DATA,
             id="scores, one was tried",
         ),
         pytest.param(
             evidence(OFF, refused=("slope",)),
             "unexplained",
-            MISSES + "slope was tried and does not pay.",
+            UNFIT + "slope was tried and does not pay.",
             NEW + "--until-quiet" + DATA,
             id="scores silent, one was tried",
         ),
         pytest.param(
             evidence(OFF, blocks=6),
             "unexplained",
-            MISSES + "a first check of the effects finds no cause.",
+            UNFIT + "a first check of the effects finds no cause.",
             LOOK,
             id="few blocks, scores",
         ),
         pytest.param(
             evidence(OFF, blocks=6, verdict="none"),
             "unexplained",
-            MISSES + "6 independent stretches of data are too few to show why. Record a longer drive.",
+            UNFIT + "6 independent stretches of data are too few to show why. Record a longer drive.",
             "",
             id="few blocks",
         ),
         pytest.param(
             evidence(OFF, blocks=6, verdict="none", points=True),
             "unexplained",
-            MISSES + "6 independent stretches of data are too few to show why. Measure more test points.",
+            UNFIT + "6 independent stretches of data are too few to show why. Measure more test points.",
             "",
             id="few test points",
         ),
         pytest.param(
             evidence(OFF, verdict="none", closest="slope"),
             "unexplained",
-            MISSES + "no effect explains it beyond chance, but slope may: held-out data can judge it.",
+            UNFIT + "no effect explains it beyond chance, but slope may: held-out data can judge it.",
             NEW + "slope" + DATA,
             id="by chance or not",
         ),
@@ -444,6 +455,7 @@ def test_a_drafted_law_in_a_few_words(channel, driver, law):
         next_drive=[],
         unrecorded=(),
         heldout={},
+        soils=(0, 0),
     )
     assert of_diagnosis(found).law == law
 
@@ -466,6 +478,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         next_drive=[NextDrive(("slope", "crust"), "no drive tells", 0.1, check="weigh it")],
         unrecorded=(),
         heldout={},
+        soils=(0, 0),
     )
     evidence = of_diagnosis(found)
     assert evidence.family == ("slope", "hardpan")
