@@ -55,6 +55,7 @@ class Evidence:
     several: int = 0  # Soils of one ground, for all of which an effect may stand; a diagnosis tells
     # Soils on which the ratios are, and how many the segments have, where these are more
     fewer: tuple[int, int] = (0, 0)
+    noise_with: str = ""  # Effect with which the noise is so much smaller that the ratios are others
     steps: bool = False  # By a diagnosis: within segments the soil changes, which takes most of what is left
 
     @property
@@ -108,20 +109,30 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     family = tuple(name for name in found.family if name not in doubted) or found.family
     first = next((one for one in found.candidates if one.effect in family[:1]), None)
     credible = [one for one in found.candidates if not one.doubt]
-    shares = [(min(one.explained, _share(found, one)), one.effect) for one in credible]
+    noise = _noise(found, first)
+    shares = [(min(one.explained, _share(found, one, noise)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
     soils, segments = found.soils
     fewer = found.soils if found.alarm.raised and soils < segments else (0, 0)
+    errors = found.heldout if any(fewer) else {}
+    ratios = _ratios(found.comparison, errors, noise)
+    said, own = (
+        [(name, _number(one)) for name, one in _above(every).items()]
+        for every in (ratios, _ratios(found.comparison, errors))
+    )
     return Evidence(
-        ratios=_ratios(found.comparison, found.heldout if all(fewer) else None),
+        ratios=ratios,
+        noise_with=first.effect if first and said != own else "",
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         stretch=found.comparison.stretch,
         doubted=found.comparison.doubted,
         verdict=found.verdict,
         family=family,
-        share=max((_share(found, one) for one in found.candidates if one.effect in family), default=math.nan),
-        leaves=first is not None and _leaves(found, first.heldout),
+        share=max(
+            (_share(found, one, noise) for one in found.candidates if one.effect in family), default=math.nan
+        ),
+        leaves=first is not None and _leaves(found, first.heldout, noise),
         closest=max(likely)[1] if likely else "",
         together=found.together,
         law=_law(law) if law else "",
@@ -144,31 +155,45 @@ def _law(law: UnknownEffect) -> str:
     return f"{law.channel} {does}".replace("_", " ") if law.driver else ""
 
 
-def _ratios(comparison: Comparison, errors: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Return held-out errors over the noise; `errors` are those of another model, by channel."""
+def _noise(found: Diagnosis, first: Candidate | None) -> dict[str, float]:
+    """Return the noise by channel; where a model misses, much of its misfit may pass for noise."""
+    noise = {name: one.noise for name, one in found.comparison.channels.items()}
+    better = first.noise if first is not None else {}
     return {
-        name.replace("_", " "): (errors or {}).get(name, one.heldout_rmse) / one.noise
-        if one.noise > 0.0
-        else math.nan
-        for name, one in comparison.channels.items()
+        name: better[name] if level > comparison_criteria.ABOVE_NOISE * better.get(name, math.nan) else level
+        for name, level in noise.items()
     }
 
 
-def _share(found: Diagnosis, one: Candidate) -> float:
+def _ratios(
+    comparison: Comparison,
+    errors: Mapping[str, float] | None = None,
+    noise: Mapping[str, float] | None = None,
+) -> dict[str, float]:
+    """Return held-out errors over the noise; `errors` and `noise` are those of another model, by channel."""
+    ratios = {}
+    for name, one in comparison.channels.items():
+        level = (noise or {}).get(name, one.noise)
+        error = (errors or {}).get(name, one.heldout_rmse)
+        ratios[name.replace("_", " ")] = error / level if level > 0.0 else math.nan
+    return ratios
+
+
+def _share(found: Diagnosis, one: Candidate, noise: Mapping[str, float]) -> float:
     """Return the part of the held-out errors beyond the noise that an effect takes off.
 
     Of the misfit by which effects are ranked, where no error is more than noise, or the noise is not known.
     """
-    ratios = (_ratios(found.comparison, errors) for errors in (found.heldout, one.heldout))
+    ratios = (_ratios(found.comparison, errors, noise) for errors in (found.heldout, one.heldout))
     before, after = (sum(max(ratio**2 - 1.0, 0.0) for ratio in each.values()) for each in ratios)
-    large = one.heldout and _above(_ratios(found.comparison, found.heldout))
+    large = one.heldout and _above(_ratios(found.comparison, found.heldout, noise))
     return max(1.0 - after / before, 0.0) if large else one.explained
 
 
-def _leaves(found: Diagnosis, errors: Mapping[str, float]) -> bool:
+def _leaves(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[str, float]) -> bool:
     """Tell whether errors of another model are more than noise, by much of what those of this one are."""
-    before = _ratios(found.comparison, found.heldout)
-    after = _above(_ratios(found.comparison, errors))
+    before = _ratios(found.comparison, found.heldout, noise)
+    after = _above(_ratios(found.comparison, errors, noise))
     return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
 
 
@@ -190,6 +215,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
         size = _on_fewer(found) + (_size(above) if above else _not_random(known))
+        size += f" (noise as it is with {found.noise_with})" * bool(above and found.noise_with)
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""

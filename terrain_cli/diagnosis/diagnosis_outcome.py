@@ -118,6 +118,8 @@ class Candidate:
     heldout: dict[str, float]
     sizes: dict[str, Size]
     refitted: bool  # Whether it was fitted together with everything else; else all is to first order
+    # Channel → noise of what it leaves, SI, of the first: of a worse model, a misfit may pass for noise
+    noise: Mapping[str, float] = field(default_factory=dict)
     in_family: bool = False
     doubt: str = ""  # Why its size is not to be believed
 

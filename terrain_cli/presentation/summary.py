@@ -194,9 +194,10 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 LISTED = 40
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
-    "missed": "the model misses {} by far more than noise: see terrain-est diagnose",
-    "moved": "an effect that the model lacks shows in {}, and would move c, φ or strength by more than its "
-    "error: see terrain-est diagnose",
+    "missed": "what the model leaves of {} is larger or lasts longer than noise: the soil varies there, or "
+    "an effect is missing: see terrain-est diagnose",
+    "moved": "what the model leaves of {} may be an effect that it lacks, which would move c, φ or strength "
+    "by more than its error: see terrain-est diagnose",
     "unsettled": "the fit did not converge in {}",
 }
 _HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")
@@ -210,7 +211,8 @@ MEANINGS = {
     "out-of-range": "c is negative or φ outside 0 to 60°: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
     "prior-bound": "the data do not determine c or φ, which is left empty",
-    "model-misses": "the model does not fit these samples; try `terrain-est diagnose`",
+    "model-misses": "the model does not fit to the noise: the soil varies, or an effect is missing, and then "
+    "c and φ may be off; try `terrain-est diagnose`",
     "too-few-samples": "windows with fewer samples than --min-samples",
 }
 

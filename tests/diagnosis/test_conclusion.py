@@ -472,7 +472,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         family=names,
         together=(),
         candidates=[
-            SimpleNamespace(effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.6})
+            SimpleNamespace(effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.6}, noise={})
             for name, doubt in zip(names, doubts, strict=True)
         ],
         next_drive=[NextDrive(("slope", "crust"), "no drive tells", 0.1, check="weigh it")],
@@ -489,3 +489,32 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         one.doubt, one.heldout = "at its bound", {"torque": 1.3}
     assert not of_diagnosis(found).leaves
     assert of_diagnosis(found).family == names
+
+
+@pytest.mark.parametrize(
+    ("noise", "told"),
+    [
+        (2.0, "5.0 × the noise in torque (noise as it is with sensor-lag), and sensor-lag explains"),
+        (3.9, "2.5 × the noise in torque, and sensor-lag explains"),
+    ],
+)
+def test_a_misfit_that_passed_for_noise_is_none(noise, told):
+    """The jumps that a lag leaves; noise differs by some percent between models that miss nothing."""
+    found = SimpleNamespace(
+        comparison=compared_to({"torque": SimpleNamespace(noise=4.0, heldout_rmse=10.0)}),
+        alarm=SimpleNamespace(raised=True, small=False),
+        verdict="effect",
+        unknown=None,
+        family=("sensor-lag",),
+        together=(),
+        candidates=[
+            SimpleNamespace(
+                effect="sensor-lag", doubt="", explained=0.9, heldout={"torque": 2.0}, noise={"torque": noise}
+            )
+        ],
+        next_drive=[],
+        unrecorded=(),
+        heldout={},
+        soils=(0, 0),
+    )
+    assert told in conclude(of_diagnosis(found), ASKED).sentence
