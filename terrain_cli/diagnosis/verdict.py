@@ -10,7 +10,7 @@ from terrain_cli.comparison import comparison_criteria
 from terrain_cli.comparison.findings import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.models import STRESSES
-from terrain_cli.vocabulary.quantities import counted, listed
+from terrain_cli.vocabulary.quantities import counted, listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -206,4 +206,4 @@ def _text(size: Size, sign: str) -> str:
 
 
 def _plus_minus(value: float, se: float) -> str:
-    return f"{value:.3g} ± {se:.2g}" if se == se else f"{value:.3g}"  # noqa: PLR0124 - NaN
+    return f"{short(value)} ± {short(se, 2)}" if se == se else short(value)  # noqa: PLR0124 - NaN

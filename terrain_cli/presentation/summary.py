@@ -10,7 +10,7 @@ from terrain_cli import estimation
 from terrain_cli.estimation.strength import strength_at
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.quantities import counted, known
+from terrain_cli.vocabulary.quantities import counted, known, short
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -145,7 +145,7 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             lines.append(f"    {name} = {entry['value']:.4g}{unit}, held{why}")
         else:
             known = "" if entry["fixed_by_data"] else "; the data do not fix it"
-            lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
+            lines.append(f"    {name} = {short(entry['value'], 4)} ± {short(entry['se'], 2)}{unit}{known}")
     told = ((counted(model[key], "segment"), text) for key, text in _TOLD.items() if model.get(key))
     return lines + [f"    {text.format(where)}" for where, text in told]
 
