@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     Place = tuple[str, str, int]
 
 
+#: Load in N and radius in m of the wheel of Iagnemma et al. (2004), to which sizes of effects are usual.
+_PAPER_LOAD, _PAPER_RADIUS = 98.1, 0.1
+
+
 def fitted(
     wheels: Sequence[Windows],
     file: ModelFile,
@@ -215,17 +219,29 @@ def _estimated(
         value=value / factor,
         se=se / factor,
         determined=determined,
-        remark=remark(own, value, determined=determined),
+        remark=remark(own, value, determined=determined, larger=_larger(wheel, file.units[names[0]])),
     )
 
 
-def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
-    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one."""
+def _larger(wheel: WheelComparison, unit: str) -> float:
+    """Return how much larger forces, or torques, are than under the wheel of the paper, at least 1."""
+    load = float(np.nanmean(wheel.samples.channels["load"][wheel.windows.rows]))
+    force = max(load / _PAPER_LOAD, 1.0) if unit.startswith("N") else 1.0
+    return force * (
+        max(wheel.samples.geometry.radius / _PAPER_RADIUS, 1.0) if unit.startswith("N m") else 1.0
+    )
+
+
+def remark(own: Parameter | None, value: float, *, determined: bool, larger: float = 1.0) -> str:
+    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one.
+
+    `larger` is how much larger than under the wheel of the paper it may be.
+    """
     if own is not None and own.at_bound(value):
         return "at its bound"
     if not determined:
         return "the data leave it open"
-    usual = abs(value - own.null) / own.scale if own is not None else 0.0
+    usual = abs(value - own.null) / (own.scale * larger) if own is not None else 0.0
     return f"{usual:.0f} times its usual size" if usual > EFFECT_SCALES else ""
 
 
