@@ -113,7 +113,9 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     shares = [(min(one.explained, _share(found, one, noise)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
     soils, segments = found.soils
-    fewer = found.soils if found.alarm.raised and soils < segments else (0, 0)
+    # Where several soils stand for an effect, their errors are those of noise.
+    hidden = found.alarm.raised and soils < segments and not _above(_ratios(found.comparison))
+    fewer = found.soils if hidden else (0, 0)
     errors = found.heldout if any(fewer) else {}
     ratios = _ratios(found.comparison, errors, noise)
     said, own = (
