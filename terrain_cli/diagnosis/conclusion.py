@@ -112,6 +112,8 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     noise = _noise(found, first)
     shares = [(min(one.explained, _share(found, one, noise)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
+    # Nor is a drive worth while that only tells what explains it from what does not.
+    drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     soils, segments = found.soils
     # Where several soils stand for an effect, their errors are those of noise.
     hidden = found.alarm.raised and soils < segments and not _above(_ratios(found.comparison))
@@ -143,9 +145,9 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         ended=found.comparison.refused.ended,
         unrecorded=found.unrecorded,
         small=found.alarm.size if found.alarm.small else "",
-        drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
+        drive=next((one.manoeuvre for one in drives if one.settings), ""),
         # Of a pair it may be several.
-        checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
+        checks=tuple(dict.fromkeys(o for one in drives for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
         fewer=fewer,
         steps=soils > segments,

@@ -131,7 +131,16 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
         )
         return f"Probably {_told(first)}, but {doubt}.{better}"
     doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
+    doubtful = [
+        f"{name} ({doubts[name]})" for name in others if name in doubts and first.effect not in doubts
+    ]
     others = [f"{name} ({doubts[name]})" if name in doubts else name for name in others]
+    others = [name for name in others if name not in doubtful]
+    if doubtful:
+        also = listed(doubtful)
+        better = f" {also[0].upper()}{also[1:]} would explain it too, but with a doubtful size.{better}"
+    if not others:
+        return f"Probably {_told(first)}.{better}"
     return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
 
 

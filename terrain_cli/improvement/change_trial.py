@@ -113,6 +113,7 @@ def tried(
     if told:
         first = fit("before: ", before, windows)
         second = fit("after: ", after, windows, like=first)
+    second = as_compared(second, fit("after, anew: ", after, windows if told else wheels))
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
@@ -140,6 +141,15 @@ def tried(
         imitates=tuple(_imitating(with_it, file, changed)),
         idle=tuple(_idle(first, second, before, after, changed)),
     )
+
+
+def as_compared(second: Comparison, anew: Comparison) -> Comparison:
+    """Say of a model on the blocks of another what `compare` finds on its own, which may be shorter."""
+    channels = {
+        name: replace(errors, noise=anew.channels[name].noise) if name in anew.channels else errors
+        for name, errors in second.channels.items()
+    }
+    return replace(second, channels=channels, failures=anew.failures, scores=anew.scores)
 
 
 def _needed_soils(

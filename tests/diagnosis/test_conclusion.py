@@ -475,7 +475,10 @@ def test_effects_of_a_doubtful_size_explain_nothing():
             SimpleNamespace(effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.6}, noise={})
             for name, doubt in zip(names, doubts, strict=True)
         ],
-        next_drive=[NextDrive(("slope", "crust"), "no drive tells", 0.1, check="weigh it")],
+        next_drive=[
+            NextDrive(("slope", "crust"), "no drive tells", 0.1, check="dig"),
+            NextDrive(("slope", "hardpan"), "no drive tells", 0.1, check="weigh it"),
+        ],
         unrecorded=(),
         heldout={},
         soils=(0, 0),
