@@ -96,8 +96,8 @@ def plus_minus(value: float, error: float) -> str:
 
 
 def short(value: float, digits: int = 3) -> str:
-    """Write a number as `number` does, with a minus that a shell and a search find."""
-    return number(value, digits).replace("−", "-") if math.isfinite(value) else "–"
+    """Write a number rounded to so many digits, with the minus that programs read."""
+    return number(float(f"{value:.{digits}g}"), digits).replace("−", "-") if math.isfinite(value) else "–"
 
 
 def known(value: float) -> float | None:
