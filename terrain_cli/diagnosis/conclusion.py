@@ -302,7 +302,7 @@ def _unexplained(
         why, command = "a first check of the effects finds no cause", asked.looked("diagnose")
     elif _refused(found):
         why = _did_not_pay(found)
-    elif found.closest and found.closest not in found.refused:
+    elif found.closest and found.closest not in found.refused and not found.steps:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = asked.added((found.closest,))
     else:

@@ -203,7 +203,7 @@ def evidence(ratios, **known):
             id="nothing follows",
         ),
         pytest.param(
-            evidence(OFF, verdict="none", steps=True),
+            evidence(OFF, verdict="none", steps=True, closest="slope"),
             "unexplained",
             UNFIT
             + "the soil changes, as a note says, and nothing else explains as much of it beyond chance. ",
