@@ -8,6 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import (
+    above_noise,
+    leaves_much,
+    noise_with,
+    over_noise,
+    share_taken,
+)
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
 from terrain_cli.vocabulary.quantities import counted, listed
@@ -16,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, UnknownEffect, Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Diagnosis, UnknownEffect, Verdict
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
 #: Channels to be recorded that a sentence names.
@@ -61,7 +68,7 @@ class Evidence:
     @property
     def misses(self) -> bool:
         """Whether an error is larger than noise."""
-        return bool(_above(self.ratios))
+        return bool(above_noise(self.ratios))
 
 
 @dataclass(frozen=True)
@@ -80,7 +87,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
     scores = comparison.scores() if comparison.scores else None
     tracked = any(_large(comparison, one) for one in comparison.failures)
     return Evidence(
-        ratios=_ratios(comparison),
+        ratios=over_noise(comparison),
         blocks=comparison.blocks,
         raised=tracked or (scores is not None and scores.raised),
         tracked=tracked,
@@ -109,20 +116,20 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     family = tuple(name for name in found.family if name not in doubted) or found.family
     first = next((one for one in found.candidates if one.effect in family[:1]), None)
     credible = [one for one in found.candidates if not one.doubt]
-    noise = _noise(found, first)
-    shares = [(min(one.explained, _share(found, one, noise)), one.effect) for one in credible]
+    noise = noise_with(found, first)
+    shares = [(min(one.explained, share_taken(found, one, noise)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
     # Nor is a drive worth while that only tells what explains it from what does not.
     drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     soils, segments = found.soils
     # Where several soils stand for an effect, their errors are those of noise.
-    hidden = found.alarm.raised and soils < segments and not _above(_ratios(found.comparison))
+    hidden = found.alarm.raised and soils < segments and not above_noise(over_noise(found.comparison))
     fewer = found.soils if hidden else (0, 0)
     errors = found.heldout if any(fewer) else {}
-    ratios = _ratios(found.comparison, errors, noise)
+    ratios = over_noise(found.comparison, errors, noise)
     said, own = (
-        [(name, _number(one)) for name, one in _above(every).items()]
-        for every in (ratios, _ratios(found.comparison, errors))
+        [(name, _number(one)) for name, one in above_noise(every).items()]
+        for every in (ratios, over_noise(found.comparison, errors))
     )
     return Evidence(
         ratios=ratios,
@@ -134,9 +141,10 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         verdict=found.verdict,
         family=family,
         share=max(
-            (_share(found, one, noise) for one in found.candidates if one.effect in family), default=math.nan
+            (share_taken(found, one, noise) for one in found.candidates if one.effect in family),
+            default=math.nan,
         ),
-        leaves=first is not None and _leaves(found, first.heldout, noise),
+        leaves=first is not None and leaves_much(found, first.heldout, noise),
         closest=max(likely)[1] if likely else "",
         together=found.together,
         law=_law(law) if law else "",
@@ -159,56 +167,10 @@ def _law(law: UnknownEffect) -> str:
     return f"{law.channel} {does}".replace("_", " ") if law.driver else ""
 
 
-def _noise(found: Diagnosis, first: Candidate | None) -> dict[str, float]:
-    """Return the noise by channel; where a model misses, much of its misfit may pass for noise."""
-    noise = {name: one.noise for name, one in found.comparison.channels.items()}
-    better = first.noise if first is not None else {}
-    return {
-        name: better[name] if level > comparison_criteria.ABOVE_NOISE * better.get(name, math.nan) else level
-        for name, level in noise.items()
-    }
-
-
-def _ratios(
-    comparison: Comparison,
-    errors: Mapping[str, float] | None = None,
-    noise: Mapping[str, float] | None = None,
-) -> dict[str, float]:
-    """Return held-out errors over the noise; `errors` and `noise` are those of another model, by channel."""
-    ratios = {}
-    for name, one in comparison.channels.items():
-        level = (noise or {}).get(name, one.noise)
-        error = (errors or {}).get(name, one.heldout_rmse)
-        ratios[name.replace("_", " ")] = error / level if level > 0.0 else math.nan
-    return ratios
-
-
-def _share(found: Diagnosis, one: Candidate, noise: Mapping[str, float]) -> float:
-    """Return the part of the held-out errors beyond the noise that an effect takes off.
-
-    Of the misfit by which effects are ranked, where no error is more than noise, or the noise is not known.
-    """
-    ratios = (_ratios(found.comparison, errors, noise) for errors in (found.heldout, one.heldout))
-    before, after = (sum(max(ratio**2 - 1.0, 0.0) for ratio in each.values()) for each in ratios)
-    large = one.heldout and _above(_ratios(found.comparison, found.heldout, noise))
-    return max(1.0 - after / before, 0.0) if large else one.explained
-
-
-def _leaves(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[str, float]) -> bool:
-    """Tell whether errors of another model are more than noise, by much of what those of this one are."""
-    before = _ratios(found.comparison, found.heldout, noise)
-    after = _above(_ratios(found.comparison, errors, noise))
-    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
-
-
-def _above(ratios: Mapping[str, float]) -> dict[str, float]:
-    return {name: ratio for name, ratio in ratios.items() if ratio > comparison_criteria.ABOVE_NOISE}
-
-
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
     """Return the conclusion of some evidence; the same for the same, whichever verb collected it."""
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
-    above = _above(known)
+    above = above_noise(known)
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     doubtful = _doubtful(found, asked) if above or found.raised else None
     if doubtful or (found.raised and not few and not _refused(found)):
@@ -412,7 +374,8 @@ def _record(found: Evidence, *, few: bool) -> str:
     """Say what to measure."""
     if few:
         return _more(found)
-    again = "Repeat the test points in another order" if found.points else "Drive the same track again"
+    # On the same track the soil would vary as it did.
+    again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
     told = (
         f"The soil may vary, or the model lacks something. {again}: if the misfit changes, it is the soil; "
     )

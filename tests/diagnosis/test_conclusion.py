@@ -18,7 +18,7 @@ MISSES = (
     "The model misses something: the held-out error is 8.6 × the noise in torque and 12 × in sinkage, and "
 )
 UNFIT = f"The model does not fit to the noise: {MISSES[28:-6]}; "
-AGAIN = "The soil may vary, or the model lacks something. Drive the same track again: if the misfit changes,"
+AGAIN = "The soil may vary, or the model lacks something. Repeat the drive beside this track: if the misfit"
 SMALL = "The model may miss something: the held-out error is at most 1.02 × the noise (in torque), but "
 POSSIBLE = "a first check of the effects finds a possible cause."
 FITS = (
@@ -197,8 +197,8 @@ def evidence(ratios, **known):
             UNFIT
             + "nothing that was recorded explains it beyond chance. "
             + AGAIN
-            + " it is the soil; if it returns, the model. Also record a channel that effects need: pitch or "
-            + "slip angle.",
+            + " changes, it is the soil; if it returns, the model. Also record a channel that effects need: "
+            + "pitch or slip angle.",
             "",
             id="nothing follows",
         ),
@@ -214,7 +214,7 @@ def evidence(ratios, **known):
             evidence(OFF, verdict="none", points=True),
             "unexplained",
             UNFIT + "nothing that was recorded explains it beyond chance. "
-            "The soil may vary, or the model lacks something. Repeat the test points in another order: if",
+            "The soil may vary, or the model lacks something. Repeat the test points on fresh soil: if",
             "",
             id="nothing follows of test points",
         ),
