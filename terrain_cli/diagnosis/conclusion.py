@@ -273,10 +273,15 @@ def _unexplained(
             why = "the soil changes, as a note says, and nothing else explains as much of it beyond chance"
         why = f"{_too_few(found)} to show why" if few else why
     then = f"Next: {command}" if command else _record(found, few=few)
+    drive = found.drive if _refused(found) and not command else ""
+    if drive:
+        # Where the soil imitates an effect, its error hardly falls though it is there.
+        there = "it is there" if len(found.refused) == 1 else "one of them is there"
+        then = f"To see if {there} all the same, take this drive, and diagnose both logs together: {drive}."
     # That something is missing is not known: a soil that varies leaves as much.
     what = "does not fit to the noise" if above else "may miss something"
     told = f"The model {what}: {size}; {why}. {then}"
-    return Conclusion("unexplained", told, command, found.unrecorded)
+    return Conclusion("unexplained", told, command, found.unrecorded, drive)
 
 
 def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few: bool) -> Conclusion:

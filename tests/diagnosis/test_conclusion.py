@@ -233,6 +233,22 @@ def evidence(ratios, **known):
             id="tried, and did not pay",
         ),
         pytest.param(
+            evidence(
+                OFF,
+                raised=True,
+                verdict="family",
+                family=("slope",),
+                refused=("slope",),
+                drive="climb a hill",
+            ),
+            "unexplained",
+            UNFIT
+            + "slope was tried and does not pay. To see if it is there all the same, take this drive, and "
+            "diagnose both logs together: climb a hill.",
+            "",
+            id="tried, and a drive can tell",
+        ),
+        pytest.param(
             evidence(OFF, raised=True, verdict="unknown", refused=("law.toml",)),
             "unexplained",
             UNFIT + "law.toml was tried and does not pay.",
