@@ -155,7 +155,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         small=found.alarm.size if found.alarm.small else "",
         drive=next((one.manoeuvre for one in drives if one.settings), ""),
         # Of a pair it may be several.
-        checks=tuple(dict.fromkeys(o for one in drives for o in one.check.split(" or ") if o)),
+        checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
         fewer=fewer,
         steps=soils > segments,

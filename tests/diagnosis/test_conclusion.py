@@ -492,7 +492,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
             for name, doubt in zip(names, doubts, strict=True)
         ],
         next_drive=[
-            NextDrive(("slope", "crust"), "no drive tells", 0.1, check="dig"),
+            NextDrive(("slope", "crust"), "drive over firm ground", 0.9, settings={"part": []}),
             NextDrive(("slope", "hardpan"), "no drive tells", 0.1, check="weigh it"),
         ],
         unrecorded=(),
@@ -502,7 +502,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
     evidence = of_diagnosis(found)
     assert evidence.family == ("slope", "hardpan")
     assert evidence.leaves
-    assert evidence.checks == ("weigh it",)
+    assert (evidence.drive, evidence.checks) == ("", ("weigh it",))
     for one in found.candidates:
         # A twelfth of the error: the noise differs by as much between models.
         one.doubt, one.heldout = "at its bound", {"torque": 1.3}
