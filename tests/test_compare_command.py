@@ -251,3 +251,13 @@ def test_a_pull_of_the_other_sign_is_named_and_its_line_mends_it(folder, tmp_pat
     (tmp_path / "rover.toml").write_text(f"{ROVER}[channels]\n{line}\n")
     after = terrain_est_here("compare", "run.csv", "-q", cwd=tmp_path).stdout
     assert "The model fits to the noise" in after
+
+
+def test_a_log_without_load_is_refused_as_what_was_asked_for(terrain_est_here, tmp_path):
+    (tmp_path / "rover.toml").write_text(ROVER)
+    (tmp_path / "run.csv").write_text("torque,sinkage,slip\n" + "2.0,0.02,0.2\n" * 20)
+    for verb, what in (("compare", "a model cannot be compared with it"), ("estimate", "c and φ cannot be")):
+        done = terrain_est_here(verb, tmp_path / "run.csv")
+        assert (done.returncode, done.stdout) == (65, "")
+        assert f"run.csv: {what}" in done.stderr
+        assert ": nothing gives load\n" in done.stderr

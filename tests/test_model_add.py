@@ -102,6 +102,16 @@ class TestRightEffect:
         assert added["alarm"]["silent"]
         assert added["conclusion"]["state"] == "fits"
 
+    def test_says_what_compare_says_of_the_same_model(self, added, here, terrain_est_here):
+        done = terrain_est_here("compare", "sinks.csv", "--model", "model.toml", "--json", *CUT, cwd=here)
+        compared = json.loads(done.stdout)
+        # On other blocks: not to the last digit.
+        said = [{**one["conclusion"], "sentence": ""} for one in (compared, added)]
+        assert said[0] == said[1]
+        assert len(compared["failures"]) == len(added["alarm"]["failures_after"])
+        for name, errors in compared["channels"].items():
+            assert added["channels"][name]["noise"] == pytest.approx(errors["noise"], rel=0.02)
+
     def test_parameter_and_shift_of_the_soil(self, added):
         n1 = added["parameters"][0]
         assert (n1["name"], n1["unit"], n1["determined"]) == ("slip-sinkage.n1", "1", True)

@@ -80,7 +80,11 @@ def told_of(monkeypatch):
 
         def diagnose(wheels, file, *, effects, seed, progress):
             return SimpleNamespace(
-                comparison=change_trial.fitted(wheels, file), candidates=[], heldout={}, **answers.pop(0)
+                comparison=change_trial.fitted(wheels, file),
+                candidates=[],
+                heldout={},
+                soils=(0, 0),
+                **answers.pop(0),
             )
 
         monkeypatch.setattr(diagnosis, "diagnose", diagnose)

@@ -68,3 +68,27 @@ def test_an_effect_is_found_across_both(terrain_est_here, folder, tmp_path, name
     assert added["pays"]
     for channel in added["channels"].values():
         assert channel["heldout_after"] < 1.15 * channel["noise"]
+
+
+def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here, folder, tmp_path):
+    header, *rows = (folder / "clean.csv").read_text("utf-8").splitlines()
+    drove = [f"{row},{int(2 * k >= len(rows))}" for k, row in enumerate(rows)]
+    (tmp_path / "passes.csv").write_text("\n".join([f"{header},pass_number", *drove, ""]), "utf-8")
+    (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
+    halves = ("--segments", "fixed", "--window-samples", str(len(rows) // 2))
+
+    def said(*command):
+        done = terrain_est_here(*command, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "It takes 2 soils" in said("compare", "passes.csv", *halves, "-q").splitlines()[-1]
+    last = said("diagnose", "passes.csv", *halves, "-q").splitlines()[-1]
+    assert "with 1 soil in place of 2, the held-out error is " in last
+    assert "multi-pass explains it. Next: " in last
+    said("model", "new", "model.toml")
+    data = ("--data", "passes.csv", *halves, "--json", "-q")
+    added = json.loads(said("model", "add", "model.toml", "multi-pass", *data))
+    assert added["pays"]
+    sinkage = added["channels"]["sinkage"]
+    assert sinkage["heldout_after"] < 0.5 * sinkage["heldout_before"]

@@ -98,7 +98,7 @@ def of_fitted(
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
     noise = [{name: wheel.noise[name].deviation for name in wheel.measured} for wheel in fitted]
-    levels = {name: _pooled_noise(fitted, noise, name) for name in channels}
+    levels = {name: pooled_noise(fitted, name, noise) for name in channels}
     scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
     scale = {name: scale[name] for name in channels}
@@ -125,7 +125,7 @@ def of_fitted(
                 noise, residuals.noise_beside({one.channel for one in failures}), strict=True
             ):
                 known.update({n: float(np.fmin(known[n], one.deviation)) for n, one in beside.items()})
-            levels = {name: _pooled_noise(fitted, noise, name) for name in channels}
+            levels = {name: pooled_noise(fitted, name, noise) for name in channels}
         failures += _between_segments(fitted, failures, levels, seed)
     ordered = any(wheel.ordered for wheel in fitted)
     why = "too few samples" if ordered else "too few test points were repeated"
@@ -195,8 +195,12 @@ def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
                 )
 
 
-def _pooled_noise(wheels: Sequence[FittedWheel], noise: Sequence[Mapping[str, float]], name: str) -> float:
-    """Average the wheels' noise, weighted by their samples."""
+def pooled_noise(
+    wheels: Sequence[FittedWheel], name: str, noise: Sequence[Mapping[str, float]] | None = None
+) -> float:
+    """Average the wheels' noise, by default that of their residuals, weighted by their samples."""
+    if noise is None:
+        noise = [{channel: wheel.noise[channel].deviation for channel in wheel.measured} for wheel in wheels]
     known = [
         (int(np.isfinite(wheel.residuals[name]).sum()), levels[name])
         for wheel, levels in zip(wheels, noise, strict=True)

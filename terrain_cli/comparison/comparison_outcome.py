@@ -145,6 +145,7 @@ class EffectScores:
     raised: bool  # That is too rarely for chance
     effects: tuple[str, ...] = ()  # That could be tested, the one that explains most first
     unrecorded: tuple[str, ...] = ()  # Channels that nothing gives; without them some cannot be tested
+    soils: int = 0  # Of all segments, where some are of one terrain: for these an effect may stand
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -165,8 +165,10 @@ def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile
     effects = missing_effects(file)
     hypotheses, _ = screening.hypotheses(file, wheels, effects)
     scored = [one for one in hypotheses if one.effects]
+    soils = 0
     if any(wheel.one_soil for wheel in wheels):
         scored, _ = screening.on_changing_soil(scored)
+        soils = sum(len(wheel.windows) for wheel in wheels)
     unrecorded = screening.unrecorded(effects, wheels)
     if 1 + max(int(one.max(initial=-1)) for one in block) < criteria.BLOCKS_OF_ALARM or not scored:
         return EffectScores(p_value=1.0, raised=False, unrecorded=unrecorded)
@@ -178,7 +180,9 @@ def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile
         first = next(one for one in scored if one.id == order[0])
         p_value = min(p_value, max(min(found.p_values.values()), _of_fitted_gain(wheels, block, first)))
     raised = p_value < criteria.LEVEL and max(found.shares(order[0]).values()) >= criteria.SMALLEST_SHARE
-    return EffectScores(p_value=p_value, raised=raised, effects=tuple(order), unrecorded=unrecorded)
+    return EffectScores(
+        p_value=p_value, raised=raised, effects=tuple(order), unrecorded=unrecorded, soils=soils
+    )
 
 
 def _of_fitted_gain(wheels: Sequence[FittedWheel], block: Sequence[Index], first: Hypothesis) -> float:

@@ -8,6 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import (
+    above_noise,
+    leaves_much,
+    noise_with,
+    over_noise,
+    share_taken,
+)
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
 from terrain_cli.vocabulary.quantities import counted, listed
@@ -16,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, UnknownEffect, Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Diagnosis, UnknownEffect, Verdict
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
 #: Channels to be recorded that a sentence names.
@@ -52,11 +59,16 @@ class Evidence:
     drive: str = ""  # What would tell the best of the family from another, as a command to a person
     checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
     points: bool = False  # The data are steady test points, not drives
+    several: int = 0  # Soils of one ground, for all of which an effect may stand; a diagnosis tells
+    # Soils on which the ratios are, and how many the segments have, where these are more
+    fewer: tuple[int, int] = (0, 0)
+    noise_with: str = ""  # Effect with which the noise is so much smaller that the ratios are others
+    steps: bool = False  # By a diagnosis: within segments the soil changes, which takes most of what is left
 
     @property
     def misses(self) -> bool:
         """Whether an error is larger than noise."""
-        return bool(_above(self.ratios))
+        return bool(above_noise(self.ratios))
 
 
 @dataclass(frozen=True)
@@ -75,7 +87,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
     scores = comparison.scores() if comparison.scores else None
     tracked = any(_large(comparison, one) for one in comparison.failures)
     return Evidence(
-        ratios=_ratios(comparison),
+        ratios=over_noise(comparison),
         blocks=comparison.blocks,
         raised=tracked or (scores is not None and scores.raised),
         tracked=tracked,
@@ -85,6 +97,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         ended=comparison.refused.ended,
         unrecorded=scores.unrecorded if scores else (),
         points=comparison.points,
+        several=scores.soils if scores else 0,
     )
 
 
@@ -103,18 +116,35 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     family = tuple(name for name in found.family if name not in doubted) or found.family
     first = next((one for one in found.candidates if one.effect in family[:1]), None)
     credible = [one for one in found.candidates if not one.doubt]
-    shares = [(min(one.explained, _share(found, one)), one.effect) for one in credible]
+    noise = noise_with(found, first)
+    shares = [(min(one.explained, share_taken(found, one, noise)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
+    # Nor is a drive worth while that only tells what explains it from what does not.
+    drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
+    soils, segments = found.soils
+    # Where several soils stand for an effect, their errors are those of noise.
+    hidden = found.alarm.raised and soils < segments and not above_noise(over_noise(found.comparison))
+    fewer = found.soils if hidden else (0, 0)
+    errors = found.heldout if any(fewer) else {}
+    ratios = over_noise(found.comparison, errors, noise)
+    said, own = (
+        [(name, _number(one)) for name, one in above_noise(every).items()]
+        for every in (ratios, over_noise(found.comparison, errors))
+    )
     return Evidence(
-        ratios=_ratios(found.comparison),
+        ratios=ratios,
+        noise_with=first.effect if first and said != own else "",
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         stretch=found.comparison.stretch,
         doubted=found.comparison.doubted,
         verdict=found.verdict,
         family=family,
-        share=max((_share(found, one) for one in found.candidates if one.effect in family), default=math.nan),
-        leaves=first is not None and _leaves(found, first.heldout),
+        share=max(
+            (share_taken(found, one, noise) for one in found.candidates if one.effect in family),
+            default=math.nan,
+        ),
+        leaves=first is not None and leaves_much(found, first.heldout, noise),
         closest=max(likely)[1] if likely else "",
         together=found.together,
         law=_law(law) if law else "",
@@ -123,10 +153,12 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         ended=found.comparison.refused.ended,
         unrecorded=found.unrecorded,
         small=found.alarm.size if found.alarm.small else "",
-        drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
+        drive=next((one.manoeuvre for one in drives if one.settings), ""),
         # Of a pair it may be several.
         checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
+        fewer=fewer,
+        steps=soils > segments,
     )
 
 
@@ -135,42 +167,10 @@ def _law(law: UnknownEffect) -> str:
     return f"{law.channel} {does}".replace("_", " ") if law.driver else ""
 
 
-def _ratios(comparison: Comparison, errors: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Return held-out errors over the noise; `errors` are those of another model, by channel."""
-    return {
-        name.replace("_", " "): (errors or {}).get(name, one.heldout_rmse) / one.noise
-        if one.noise > 0.0
-        else math.nan
-        for name, one in comparison.channels.items()
-    }
-
-
-def _share(found: Diagnosis, one: Candidate) -> float:
-    """Return the part of the held-out errors beyond the noise that an effect takes off.
-
-    Of the misfit by which effects are ranked, where no error is more than noise, or the noise is not known.
-    """
-    ratios = (_ratios(found.comparison, errors) for errors in (found.heldout, one.heldout))
-    before, after = (sum(max(ratio**2 - 1.0, 0.0) for ratio in each.values()) for each in ratios)
-    large = one.heldout and _above(_ratios(found.comparison, found.heldout))
-    return max(1.0 - after / before, 0.0) if large else one.explained
-
-
-def _leaves(found: Diagnosis, errors: Mapping[str, float]) -> bool:
-    """Tell whether errors of another model are more than noise, by much of what those of this one are."""
-    before = _ratios(found.comparison, found.heldout)
-    after = _above(_ratios(found.comparison, errors))
-    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
-
-
-def _above(ratios: Mapping[str, float]) -> dict[str, float]:
-    return {name: ratio for name, ratio in ratios.items() if ratio > comparison_criteria.ABOVE_NOISE}
-
-
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
     """Return the conclusion of some evidence; the same for the same, whichever verb collected it."""
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
-    above = _above(known)
+    above = above_noise(known)
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     doubtful = _doubtful(found, asked) if above or found.raised else None
     if doubtful or (found.raised and not few and not _refused(found)):
@@ -180,7 +180,8 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
             # A first check alone is no proof where the errors are those of noise.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
-        size = _size(above) if above else _not_random(known)
+        size = _on_fewer(found) + (_size(above) if above else _not_random(known))
+        size += f" (noise as it is with {found.noise_with})" * bool(above and found.noise_with)
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
@@ -194,7 +195,15 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     if above or found.raised:
         return _unexplained(found, above, known, asked)
     told = f"The model fits to the noise: {_at_most(known)}, and no effect stands out.{_unseen(found)}"
-    return Conclusion("fits", told)
+    command = asked.looked("diagnose") if found.several and not found.ended else ""
+    if command:
+        told += f" It takes {found.several} soils: whether an effect can stand for them, a diagnosis tells."
+    return Conclusion("fits", f"{told} Next: {command}" if command else told, command)
+
+
+def _on_fewer(found: Evidence) -> str:
+    soils, segments = found.fewer
+    return f"with {counted(soils, 'soil')} in place of {segments}, " if soils else ""
 
 
 def _unseen(found: Evidence) -> str:
@@ -255,16 +264,24 @@ def _unexplained(
         why, command = "a first check of the effects finds no cause", asked.looked("diagnose")
     elif _refused(found):
         why = _did_not_pay(found)
-    elif found.closest and found.closest not in found.refused:
+    elif found.closest and found.closest not in found.refused and not found.steps:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = asked.added((found.closest,))
     else:
-        why = (
-            f"{_too_few(found)} to show why" if few else "nothing that was recorded explains it beyond chance"
-        )
+        why = "nothing that was recorded explains it beyond chance"
+        if found.steps:
+            why = "the soil changes, as a note says, and nothing else explains as much of it beyond chance"
+        why = f"{_too_few(found)} to show why" if few else why
     then = f"Next: {command}" if command else _record(found, few=few)
-    told = f"The model misses something: {size}, and {why}. {then}"
-    return Conclusion("unexplained", told, command, found.unrecorded)
+    drive = found.drive if _refused(found) and not command else ""
+    if drive:
+        # Where the soil imitates an effect, its error hardly falls though it is there.
+        there = "it is there" if len(found.refused) == 1 else "one of them is there"
+        then = f"To see if {there} all the same, take this drive, and diagnose both logs together: {drive}."
+    # That something is missing is not known: a soil that varies leaves as much.
+    what = "does not fit to the noise" if above else "may miss something"
+    told = f"The model {what}: {size}; {why}. {then}"
+    return Conclusion("unexplained", told, command, found.unrecorded, drive)
 
 
 def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few: bool) -> Conclusion:
@@ -362,8 +379,12 @@ def _record(found: Evidence, *, few: bool) -> str:
     """Say what to measure."""
     if few:
         return _more(found)
-    again = "Repeat the test points in another order" if found.points else "Drive the same track again"
-    told = f"{again}. If the misfit returns, the model lacks something; if it changes, the soil varies."
+    # On the same track the soil would vary as it did.
+    again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
+    told = (
+        f"The soil may vary, or the model lacks something. {again}: if the misfit changes, it is the soil; "
+    )
+    told += "if it returns, the model."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

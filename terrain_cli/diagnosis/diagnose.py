@@ -93,6 +93,7 @@ def diagnose(
             together=decision.together,
             unrecorded=screening.unrecorded(case.effects, log.data.wheels),
             heldout=steps.as_it_is(ranked.log),
+            soils=_soils(ranked.log),
         ),
     )
 
@@ -114,8 +115,14 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
         warnings=warnings,
         unrecorded=screening.unrecorded(case.effects, log.data.wheels),
         heldout=steps.as_it_is(log) if several else {},
+        soils=_soils(log),
     )
     return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures))
+
+
+def _soils(log: DiagnosedLog) -> tuple[int, int]:
+    chosen, own = (sum(len(one.windows) for one in of.wheels) for of in (log.data, log.comparison))
+    return chosen, own
 
 
 def _told(case: Case, ranked: Ranked, diagnosis: Diagnosis) -> Diagnosis:

@@ -7,6 +7,8 @@ import shlex
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from terrain_cli.comparison import comparison_criteria
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
@@ -118,6 +120,8 @@ class Candidate:
     heldout: dict[str, float]
     sizes: dict[str, Size]
     refitted: bool  # Whether it was fitted together with everything else; else all is to first order
+    # Channel → noise of what it leaves, SI, of the first: of a worse model, a misfit may pass for noise
+    noise: Mapping[str, float] = field(default_factory=dict)
     in_family: bool = False
     doubt: str = ""  # Why its size is not to be believed
 
@@ -176,6 +180,54 @@ class Diagnosis:
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`
     heldout: Mapping[str, float] = field(default_factory=dict)
+    soils: tuple[int, int] = (0, 0)  # On which effects were looked for, and those of the segments
+
+
+def noise_with(found: Diagnosis, first: Candidate | None) -> dict[str, float]:
+    """Return the noise by channel; where a model misses, much of its misfit may pass for noise."""
+    noise = {name: one.noise for name, one in found.comparison.channels.items()}
+    better = first.noise if first is not None else {}
+    return {
+        name: better[name] if level > comparison_criteria.ABOVE_NOISE * better.get(name, math.nan) else level
+        for name, level in noise.items()
+    }
+
+
+def over_noise(
+    comparison: Comparison,
+    errors: Mapping[str, float] | None = None,
+    noise: Mapping[str, float] | None = None,
+) -> dict[str, float]:
+    """Return held-out errors over the noise; `errors` and `noise` are those of another model, by channel."""
+    ratios = {}
+    for name, one in comparison.channels.items():
+        level = (noise or {}).get(name, one.noise)
+        error = (errors or {}).get(name, one.heldout_rmse)
+        ratios[name.replace("_", " ")] = error / level if level > 0.0 else math.nan
+    return ratios
+
+
+def share_taken(found: Diagnosis, one: Candidate, noise: Mapping[str, float]) -> float:
+    """Return the part of the held-out errors beyond the noise that an effect takes off.
+
+    Of the misfit by which effects are ranked, where no error is more than noise, or the noise is not known.
+    """
+    ratios = (over_noise(found.comparison, errors, noise) for errors in (found.heldout, one.heldout))
+    before, after = (sum(max(ratio**2 - 1.0, 0.0) for ratio in each.values()) for each in ratios)
+    large = one.heldout and above_noise(over_noise(found.comparison, found.heldout, noise))
+    return max(1.0 - after / before, 0.0) if large else one.explained
+
+
+def leaves_much(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[str, float]) -> bool:
+    """Tell whether errors of another model are more than noise, by much of what those of this one are."""
+    before = over_noise(found.comparison, found.heldout, noise)
+    after = above_noise(over_noise(found.comparison, errors, noise))
+    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
+
+
+def above_noise(ratios: Mapping[str, float]) -> dict[str, float]:
+    """Return the ratios that are more than those of noise."""
+    return {name: ratio for name, ratio in ratios.items() if ratio > comparison_criteria.ABOVE_NOISE}
 
 
 @dataclass(frozen=True, kw_only=True)

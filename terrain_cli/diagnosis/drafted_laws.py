@@ -193,7 +193,8 @@ def write(  # noqa: C901 - one branch for each form
     shown = changes in SENSED
     own = QUANTITIES[changes] if shown else "1"
     of = _unit(driver, unit)
-    per = own if of in ("", "1") else f"{own}/({of})" if own != "1" else f"1/({of})"
+    divisor = of if of.isalpha() else f"({of})"
+    per = own if of in ("", "1") else f"{own}/{divisor}"
     size = 1.0
     if column is not None:
         size = _size(column)
@@ -214,7 +215,7 @@ def write(  # noqa: C901 - one branch for each form
     elif form == "magnitude":
         term, parameters["a"] = f"a * abs({read})", (per, 0.0, usual / size)
     elif form == "quadratic":
-        squared = own if of in ("", "1") else f"{own}/({of})/({of})"
+        squared = own if of in ("", "1") else f"{own}/{divisor}/{divisor}"
         term, parameters["a"] = f"a * {read}^2", (squared, 0.0, usual / size**2)
     elif form == "saturating":
         term = f"a * tanh({read} / s)"

@@ -11,6 +11,7 @@ import numpy as np
 from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.comparison import blocks, comparison_criteria
+from terrain_cli.comparison.compare import pooled_noise
 from terrain_cli.diagnosis import (
     alarm,
     effect_sizes,
@@ -308,6 +309,7 @@ def candidates(
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
         change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
+        wheels = [] if refit is None else _with(log, one, refit, anew=one.id == first)
         return Candidate(
             effect=one.id,
             title=one.title,
@@ -317,7 +319,8 @@ def candidates(
             explained=float(np.clip(-change / misfit, 0.0, 1.0)),
             loss=change / count,
             loss_se=np.nan if refit is None else blocks.error(refit.loss - base.loss) / count,
-            heldout={} if refit is None else _held_out(log, one, refit, anew=one.id == first),
+            heldout=_errors(log, wheels) if wheels else {},
+            noise={name: pooled_noise(wheels, name) for name in base.heldout} if one.id == first else {},
             sizes=dict(found.sizes[one.id]) if refit is None else effect_sizes.of_refit(one, data, refit),
             refitted=refit is not None,
             in_family=refit is not None and one.id in family,
@@ -329,14 +332,14 @@ def candidates(
     return [*(candidate(one, refit) for one, refit in ranked), *sorted(rest, key=lambda one: one.loss)]
 
 
-def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> dict[str, float]:
-    """Return the held-out errors with a hypothesis, of the kind that `compare` and `model add` print.
+def _with(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> list[FittedWheel]:
+    """Return the wheels with a hypothesis, as `compare` and `model add` predict of them.
 
     Fitted `anew` as they do, or, in less time, with the parameters of the refit.
     """
     if anew:
-        return _errors(log, [refits.fitted_anew(wheel, one) for wheel in log.data.wheels])
-    return _errors(log, refits.on_wheels(log.data, one, refit))
+        return [refits.fitted_anew(wheel, one) for wheel in log.data.wheels]
+    return refits.on_wheels(log.data, one, refit)
 
 
 def as_it_is(log: DiagnosedLog) -> dict[str, float]:

@@ -10,7 +10,7 @@ from terrain_cli.comparison import comparison_criteria
 from terrain_cli.comparison.findings import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.models import STRESSES
-from terrain_cli.vocabulary.quantities import counted, listed
+from terrain_cli.vocabulary.quantities import counted, listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -131,7 +131,16 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
         )
         return f"Probably {_told(first)}, but {doubt}.{better}"
     doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
+    doubtful = [
+        f"{name} ({doubts[name]})" for name in others if name in doubts and first.effect not in doubts
+    ]
     others = [f"{name} ({doubts[name]})" if name in doubts else name for name in others]
+    others = [name for name in others if name not in doubtful]
+    if doubtful:
+        also = listed(doubtful)
+        better = f" {also[0].upper()}{also[1:]} would explain it too, but with a doubtful size.{better}"
+    if not others:
+        return f"Probably {_told(first)}.{better}"
     return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
 
 
@@ -206,4 +215,4 @@ def _text(size: Size, sign: str) -> str:
 
 
 def _plus_minus(value: float, se: float) -> str:
-    return f"{value:.3g} ± {se:.2g}" if se == se else f"{value:.3g}"  # noqa: PLR0124 - NaN
+    return f"{short(value)} ± {short(se, 2)}" if se == se else short(value)  # noqa: PLR0124 - NaN

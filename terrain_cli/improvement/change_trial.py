@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     Place = tuple[str, str, int]
 
 
+#: Load in N and radius in m of the wheel of Iagnemma et al. (2004), to which sizes of effects are usual.
+_PAPER_LOAD, _PAPER_RADIUS = 98.1, 0.1
+
+
 def fitted(
     wheels: Sequence[Windows],
     file: ModelFile,
@@ -109,6 +113,7 @@ def tried(
     if told:
         first = fit("before: ", before, windows)
         second = fit("after: ", after, windows, like=first)
+    second = as_compared(second, fit("after, anew: ", after, windows if told else wheels))
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
@@ -138,6 +143,15 @@ def tried(
     )
 
 
+def as_compared(second: Comparison, anew: Comparison) -> Comparison:
+    """Say of a model on the blocks of another what `compare` finds on its own, which may be shorter."""
+    channels = {
+        name: replace(errors, noise=anew.channels[name].noise) if name in anew.channels else errors
+        for name, errors in second.channels.items()
+    }
+    return replace(second, channels=channels, failures=anew.failures, scores=anew.scores)
+
+
 def _needed_soils(
     first: Comparison, second: Comparison, action: Action, before: ModelFile, after: ModelFile
 ) -> tuple[Sequence[Windows], list[str]]:
@@ -153,8 +167,8 @@ def _needed_soils(
     windows, told = several_soils.as_needed(
         second, after, without=before, effects=[] if ratio.high < 1.0 else new
     )
-    if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
-        # With fewer soils it predicts better: what it is worth shows on these.
+    if not told and ratio.low <= 1.0 <= ratio.high and _soils(second) < _soils(first):
+        # With fewer soils it predicts as well: what it is worth shows on these.
         enough = counted(_soils(second), "soil")
         names = " and ".join(one.id for one in new)
         told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
@@ -215,17 +229,29 @@ def _estimated(
         value=value / factor,
         se=se / factor,
         determined=determined,
-        remark=remark(own, value, determined=determined),
+        remark=remark(own, value, determined=determined, larger=_larger(wheel, file.units[names[0]])),
     )
 
 
-def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
-    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one."""
+def _larger(wheel: WheelComparison, unit: str) -> float:
+    """Return how much larger forces, or torques, are than under the wheel of the paper, at least 1."""
+    load = float(np.nanmean(wheel.samples.channels["load"][wheel.windows.rows]))
+    force = max(load / _PAPER_LOAD, 1.0) if unit.startswith("N") else 1.0
+    return force * (
+        max(wheel.samples.geometry.radius / _PAPER_RADIUS, 1.0) if unit.startswith("N m") else 1.0
+    )
+
+
+def remark(own: Parameter | None, value: float, *, determined: bool, larger: float = 1.0) -> str:
+    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one.
+
+    `larger` is how much larger than under the wheel of the paper it may be.
+    """
     if own is not None and own.at_bound(value):
         return "at its bound"
     if not determined:
         return "the data leave it open"
-    usual = abs(value - own.null) / own.scale if own is not None else 0.0
+    usual = abs(value - own.null) / (own.scale * larger) if own is not None else 0.0
     return f"{usual:.0f} times its usual size" if usual > EFFECT_SCALES else ""
 
 

@@ -111,9 +111,11 @@ def _rivals(found: Diagnosis, names: Sequence[str]) -> tuple[tuple[str, ...], Ne
     """Return what the data do not tell from an effect of a family, and the drive that would."""
     if len(names) != 1 or names[0] not in found.family:
         return (), None
-    rivals = tuple(name for name in found.family if name not in names)
+    doubted = {one.effect for one in found.candidates if one.doubt}
+    rivals = tuple(name for name in found.family if name not in names and name not in doubted)
     # Drives are sought for the best of the family; the first settles most of it.
-    own = [drive for drive in found.next_drive if names[0] in drive.pair] or found.next_drive
+    own = [one for one in found.next_drive if names[0] in one.pair and not doubted & {*one.pair}]
+    own = own or found.next_drive
     return rivals, own[0] if rivals and own else None
 
 

@@ -10,7 +10,7 @@ from terrain_cli import estimation
 from terrain_cli.estimation.strength import strength_at
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.quantities import counted, known
+from terrain_cli.vocabulary.quantities import counted, known, short
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -145,7 +145,7 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             lines.append(f"    {name} = {entry['value']:.4g}{unit}, held{why}")
         else:
             known = "" if entry["fixed_by_data"] else "; the data do not fix it"
-            lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
+            lines.append(f"    {name} = {short(entry['value'], 4)} ± {short(entry['se'], 2)}{unit}{known}")
     told = ((counted(model[key], "segment"), text) for key, text in _TOLD.items() if model.get(key))
     return lines + [f"    {text.format(where)}" for where, text in told]
 
@@ -194,9 +194,10 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 LISTED = 40
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
-    "missed": "the model misses {} by far more than noise: see terrain-est diagnose",
-    "moved": "an effect that the model lacks shows in {}, and would move c, φ or strength by more than its "
-    "error: see terrain-est diagnose",
+    "missed": "what the model leaves of {} is larger or lasts longer than noise: the soil varies there, or "
+    "an effect is missing: see terrain-est diagnose",
+    "moved": "what the model leaves of {} may be an effect that it lacks, which would move c, φ or strength "
+    "by more than its error: see terrain-est diagnose",
     "unsettled": "the fit did not converge in {}",
 }
 _HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")
@@ -210,7 +211,8 @@ MEANINGS = {
     "out-of-range": "c is negative or φ outside 0 to 60°: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
     "prior-bound": "the data do not determine c or φ, which is left empty",
-    "model-misses": "the model does not fit these samples; try `terrain-est diagnose`",
+    "model-misses": "the model does not fit to the noise: the soil varies, or an effect is missing, and then "
+    "c and φ may be off; try `terrain-est diagnose`",
     "too-few-samples": "windows with fewer samples than --min-samples",
 }
 

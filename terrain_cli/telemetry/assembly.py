@@ -63,7 +63,7 @@ def lacking(raw: Raw, rover: Rover) -> list[rover_advice.Lack]:
 
 
 def _cannot_give(
-    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
+    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover, *, compared: bool
 ) -> InputError | ConfigurationError:
     """Say all that is missing, and the lines of rover.toml that would supply it."""
     reasons: dict[str, list[str]] = {}
@@ -83,8 +83,8 @@ def _cannot_give(
         for text, wheels in reasons.items()
     ]
     hint = f"add to {rover.label} (terrain-est inspect shows what there is):\n{lines}"
-    what = f"c and φ cannot be estimated: {'; '.join(parts)}"
-    return InputError(f"{layout.source.path}: {what}", hint=hint)
+    what = "a model cannot be compared with it" if compared else "c and φ cannot be estimated"
+    return InputError(f"{layout.source.path}: {what}: {'; '.join(parts)}", hint=hint)
 
 
 def _model_cannot_be_fitted(
@@ -117,7 +117,7 @@ def check(request: Request, raws: Sequence[Raw]) -> None:
             measured = not raw.channels.keys().isdisjoint(PREDICTED)
             lacks[raw.wheel] = [k for k in lacks[raw.wheel] if not (measured and k.what in PREDICTED)]
     if any(lacks.values()):
-        raise _cannot_give(layout, lacks, rover)
+        raise _cannot_give(layout, lacks, rover, compared=request.compared)
     lacks = {raw.wheel: effect_inputs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}
     if any(lacks.values()):
         raise _model_cannot_be_fitted(layout, lacks, rover)

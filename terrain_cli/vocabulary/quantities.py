@@ -78,8 +78,8 @@ def number(value: float, digits: int = 3) -> str:
     if value != value:  # noqa: PLR0124 - NaN
         return "–"
     text = f"{value:.{digits}g}"
-    if "e" in text and 1e-4 <= abs(value) < 1e7:
-        text = f"{value:.0f}" if abs(value) >= 1.0 else f"{value:.6f}".rstrip("0")
+    if "e" in text and 1e-5 <= abs(value) < 1e7:
+        text = f"{value:.0f}" if abs(value) >= 1.0 else f"{value:.{digits + 4}f}".rstrip("0")
     return text.replace("-", "−")
 
 
@@ -91,9 +91,9 @@ def plus_minus(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
 
 
-def short(value: float) -> str:
-    """Write a number of three digits, – where unknown."""
-    return f"{value:.3g}" if math.isfinite(value) else "–"
+def short(value: float, digits: int = 3) -> str:
+    """Write a number rounded to so many digits, with the minus that programs read."""
+    return number(float(f"{value:.{digits}g}"), digits).replace("−", "-") if math.isfinite(value) else "–"
 
 
 def known(value: float) -> float | None:

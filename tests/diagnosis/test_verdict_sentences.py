@@ -77,7 +77,8 @@ def test_of_a_family_those_of_a_doubtful_size_are_marked():
         SimpleNamespace(effect="crust", sizes={}, doubt="at its bound", in_family=True, explained=0.9)
     )
     assert verdict.sentence(found, []) == (
-        "Gear-efficiency, or slope or crust (at its bound): these data cannot tell."
+        "Gear-efficiency, or slope: these data cannot tell. Crust (at its bound) would explain it too, but "
+        "with a doubtful size."
     )
 
 

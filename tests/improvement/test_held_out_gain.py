@@ -156,6 +156,20 @@ def test_a_way_back_costs_what_the_way_there_paid():
     assert (back.pays, back.costs) == (False, True)
 
 
+def test_an_effect_stays_without_which_one_error_rises_and_none_falls():
+    """However open another channel is over all: a few blocks had most of what it gained there."""
+    rng = np.random.default_rng(21)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    wild = np.where(np.arange(N) < N // 20, 3.0, 0.97)
+    b = {**a, "drawbar_pull": 1.06 * a["drawbar_pull"], "torque": wild * a["torque"]}
+    found = step(outcome(a), outcome(b), "remove")
+    low, high = found.evidence.overall[1:]
+    assert low < 1.0 < high
+    assert [one.name for one in found.rose] == ["drawbar_pull"]
+    assert not found.fell
+    assert found.costs
+
+
 def test_what_rises_much_outweighs_what_falls():
     rng = np.random.default_rng(6)
     a = drawn(rng, (1.0, 5.0, 1e-3))

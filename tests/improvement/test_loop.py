@@ -76,6 +76,7 @@ def diagnosing(*answers):
             together=(),
             candidates=[],
             heldout={},
+            soils=(0, 0),
             next_drive=[NextDrive((names[0], name), f"drive for {name}", 0.9) for name in names[1:]],
         )
 
@@ -241,6 +242,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
             channels={}, blocks=20, stretch=None, doubted=(), refused=Refused(), points=False
         ),
         heldout={},
+        soils=(0, 0),
         verdict="family",
         unrecorded=(),
         alarm=Alarm(raised=True, p_value=0.0, level=0.01),

@@ -39,6 +39,13 @@ def test_number(value, text):
 
 
 @pytest.mark.parametrize(
+    ("value", "digits", "text"), [(-1234.5, 3, "-1230"), (3.2e-5, 2, "0.000032"), (211979.0, 2, "210000")]
+)
+def test_no_exponent_where_the_size_is_common(value, digits, text):
+    assert quantities.short(value, digits) == text
+
+
+@pytest.mark.parametrize(
     ("value", "error", "text"),
     [
         (30.1234, 0.4567, "30.12 ± 0.46"),
