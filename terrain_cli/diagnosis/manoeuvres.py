@@ -223,4 +223,14 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(3)]},
             slip=[0.05, 0.6] * 9 + [0.05],
         ),
+        made(
+            f"drive at {speeds} in turn, at each with {lifted}, {loads} on the wheel, while the motor warms "
+            f"from {warm} to {warm + _WARMER:.0f} °C, {here}",
+            "load",
+            "speed",
+            "motor_temperature",
+            load={"steps": [1.0, _LIFTED, 0.6, 1.4] * 3},
+            speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(4)]},
+            motor_temperature=[warm, warm + _WARMER],
+        ),
     ]
