@@ -259,14 +259,6 @@ def _measured(
 
 #: s that a manoeuvre lasts.
 SECONDS = 60.0
-#: How a sensor is checked without any soil, by what it shows.
-_CHECKS = {
-    "load": "calibrate the load cell with known weights",
-    "sinkage": "check the sinkage sensor on firm ground",
-    "drawbar_pull": "calibrate the drawbar pull sensor with known weights",
-    "slip": "measure the distance of ten turns on firm ground, and correct the radius of rover.toml by it",
-    "torque": "calibrate the torque with a known brake",
-}
 
 
 def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[NextDrive]:
@@ -298,16 +290,12 @@ def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[Ne
     settled = np.ones((len(known), len(sides), len(sides)))
     for (a, b), pair in pairs.items():
         settled[:, a, b], settled[:, b, a] = pair.settled
-    # Whichever is the truth is known once all others are ruled out.
+    # Whichever is the truth is known once all others are ruled out, or its sensor was checked.
     likely = _likely([refit for _, refit in family])
     alone = settled.min(axis=2) @ likely
-    # The check of a sensor tells its own effect from all others.
-    checked = likely * [bool(_checks(one)) for one, _ in family]
-    found = [
-        _best(pair, known, again, alone, max(checked[0], checked[b]))
-        for (a, b), pair in pairs.items()
-        if a == 0
-    ]
+    checked = likely * [bool(manoeuvres.checks(one.effects)) for one, _ in family]
+    others = range(1, len(sides))
+    found = [_best(pairs[0, b], known, again, alone, max(checked[0], checked[b])) for b in others]
     return [drive for drive, _ in sorted(found, key=lambda one: -one[1])]
 
 
@@ -344,12 +332,8 @@ class _Pair:
         rare = NormalDist().inv_cdf(1.0 - criteria.RULED_OUT)
         sides = np.split(self.margins, 2, axis=1)
         ahead = [np.maximum(rare - wrong.min(axis=1, keepdims=True), 0.0) for wrong in reversed(sides)]
-        return np.stack(
-            [
-                distributions.normal_tail(least - right).mean(axis=1)
-                for least, right in zip(ahead, sides, strict=True)
-            ]
-        )
+        tails = [distributions.normal_tail(least - right) for least, right in zip(ahead, sides, strict=True)]
+        return np.mean(tails, axis=2)
 
     @property
     def power(self) -> Array:
@@ -404,19 +388,10 @@ def _reads(side: Side) -> set[str]:
     return {name for effect in side.hypothesis.effects for name in effect.reads} - {"load", "slip", *UNITS}
 
 
-def _checks(one: Hypothesis) -> list[str]:
-    """Return how the sensors of which it is an effect are checked."""
-    return [
-        _CHECKS[name]
-        for effect in one.effects
-        for name in effect.laws
-        if name in _CHECKS and effect.kind == "sensor"
-    ]
-
-
 def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> NextDrive:
-    sensors = [*_checks(one), *_checks(other)]
-    said = [e.settled_by for each in (one, other) if not _checks(each) for e in each.effects if e.settled_by]
+    effects = (*one.effects, *other.effects)
+    sensors = manoeuvres.checks(effects)
+    said = [e.settled_by for e in effects if e.settled_by and not manoeuvres.checks([e])]
     check, what = (" or ".join(dict.fromkeys(each)) for each in (sensors, said))
     ending = f": {check}" if check else (f"; what may: {what}" if what else "")
     told = f"no drive tells them apart for sure (the best would in {best:.0%} of all cases){ending}"
