@@ -12,9 +12,10 @@ from terrain_cli.telemetry.effect_inputs import RUT
 from terrain_cli.vocabulary.quantities import number
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterable
 
     from terrain_cli.comparison.smoothed_model import SmoothedData
+    from terrain_cli.mechanics.effect import Effect
     from terrain_cli.vocabulary.arrays import Array
 
 
@@ -33,6 +34,14 @@ _LIFTED, _HEAVY = 0.1, 2.0
 #: Share of the usual speed below which a wheel that stops and turns round is left out: laws of speed are
 #: not meant for it.
 _MOVING = 0.2
+#: How a sensor is checked without any soil, by what it shows.
+_CHECKS = {
+    "load": "calibrate the load cell with known weights",
+    "sinkage": "check the sinkage sensor on firm ground",
+    "drawbar_pull": "calibrate the drawbar pull sensor with known weights",
+    "slip": "measure the distance of ten turns on firm ground, and correct the radius of rover.toml by it",
+    "torque": "calibrate the torque with a known brake",
+}
 #: Turned round while the wheel drives backwards.
 _MIRRORED = ("pitch", "roll")
 
@@ -118,6 +127,12 @@ def drivers(channels: Collection[str]) -> frozenset[str]:
     if RUT in found:
         found.add("speed")
     return frozenset(found)
+
+
+def checks(effects: Iterable[Effect]) -> list[str]:
+    """Return how the sensors among effects are checked."""
+    sensed = [name for effect in effects if effect.kind == "sensor" for name in effect.laws]
+    return [_CHECKS[name] for name in sensed if name in _CHECKS]
 
 
 def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
@@ -222,5 +237,15 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             load={"steps": [1.0, 0.6, 1.4] * 3},
             speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(3)]},
             slip=[0.05, 0.6] * 9 + [0.05],
+        ),
+        made(
+            f"drive at {speeds} in turn, at each with {lifted}, {loads} on the wheel, while the motor warms "
+            f"from {warm} to {warm + _WARMER:.0f} °C, {here}",
+            "load",
+            "speed",
+            "motor_temperature",
+            load={"steps": [1.0, _LIFTED, 0.6, 1.4] * 3},
+            speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(4)]},
+            motor_temperature=[warm, warm + _WARMER],
         ),
     ]

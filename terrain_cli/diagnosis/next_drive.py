@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import distributions, smoothed_model
+from terrain_cli.comparison.blocks import error
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import manoeuvres
@@ -82,6 +83,7 @@ class Shown:
     effect: Array
     known: NDArray[np.bool_]  # shape (n,)
     sinkage: Array  # shape (n,): in m; of no samples where it is not measured
+    slopes: Array  # shape (n, c, p): by all unknowns; of no samples where that was not asked for
 
 
 class Side:
@@ -99,33 +101,30 @@ class Side:
         #: Of the unknowns counted in deviations of their priors, hence the unit matrix.
         self.information = flat.T @ flat + np.eye(flat.shape[1])
 
-    def shown(self, part: SmoothedData) -> Shown:
-        """Predict with the effect, and without it."""
-        numbers = self.solution.of_samples(part.window)
-        predicted, known, sinkage = self._white(part, numbers)
-        if not self.hypothesis.parameters:
-            return Shown(predicted, np.zeros_like(predicted), known, sinkage)
-        without, there, _ = self._white(part, absent(self.hypothesis, numbers))
-        return Shown(predicted, (predicted - without) * (known & there)[:, None], known, sinkage)
+    def shown(self, part: SmoothedData, *, sloped: bool = False) -> Shown:
+        """Predict with the effect and without it, and, if asked to, differentiate that by all unknowns."""
+        solution, sought = self.solution, self.solution.unknowns
+        names = [u.name for u in (*sought.local, *sought.shared)] if sloped else []
+        numbers = solution.of_samples(part.window)
+        predicted, known, sinkage, tables = self._white(part, numbers, names)
+        without, there = predicted, known
+        if self.hypothesis.parameters:
+            without, there, _, _ = self._white(part, absent(self.hypothesis, numbers), [])
+        slopes = np.zeros((0, 0, 0))
+        if sloped:
+            scale = sought.slopes(solution.t, solution.common)[part.window]
+            white = part.white({name: table * scale for name, table in tables.items()}, part.seen)
+            slopes = widened(white, self.soil, part.window, part.windows)
+        return Shown(predicted, (predicted - without) * (known & there)[:, None], known, sinkage, slopes)
 
     def _white(
-        self, part: SmoothedData, numbers: Mapping[str, Array]
-    ) -> tuple[Array, NDArray[np.bool_], Array]:
-        found, _ = smoothed_model.forecast(self.solution.model, part, numbers, order=smoothed_model.ORDER)
+        self, part: SmoothedData, numbers: Mapping[str, Array], names: Sequence[str]
+    ) -> tuple[Array, NDArray[np.bool_], Array, dict[str, Array]]:
+        model, order = self.solution.model, smoothed_model.ORDER
+        found, tables = smoothed_model.forecast(model, part, numbers, names, order=order)
         known: NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(column) for column in found.values()])
         white = part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen)
-        return white, known, found.get("sinkage", np.zeros(0))
-
-    def slopes(self, part: SmoothedData) -> Array:
-        """Differentiate what is predicted by all unknowns, in units of the noise."""
-        solution = self.solution
-        sought = solution.unknowns
-        names = [u.name for u in (*sought.local, *sought.shared)]
-        numbers = solution.of_samples(part.window)
-        _, tables = smoothed_model.forecast(solution.model, part, numbers, names, order=smoothed_model.ORDER)
-        scale = sought.slopes(solution.t, solution.common)[part.window]
-        white = part.white({name: table * scale for name, table in tables.items()}, part.seen)
-        return widened(white, self.soil, part.window, part.windows)
+        return white, known, found.get("sinkage", np.zeros(0)), tables
 
 
 def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]) -> Array:
@@ -160,7 +159,7 @@ def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]
                     side,
                     usable * (old - side.old.predicted),
                     weight * (new - views.shown[side].predicted),
-                    weight[:, :, None] * views.slopes[side],
+                    weight[:, :, None] * views.shown[side].slopes,
                 )
                 for side in (wrong, truth)
             ]
@@ -189,7 +188,6 @@ class _Views:
     # Whether what is measured, and so what they make of it, depends on which of them is the truth
     coupled: bool
     shown: dict[Side, Shown]
-    slopes: dict[Side, Array]  # shape (n, c, p)
     step: int  # Samples for which each one stands
 
     def weight(self, one: Side, other: Side) -> Array | None:
@@ -209,11 +207,11 @@ def _views(
     # Where no rate of what is shown is needed, few samples tell as much as many.
     step = 1 if coupled else _STEP
     new = _measured(ground, truth, course, coupled, step)
-    shown = {side: side.shown(new) for side in sides}
+    shown = {side: side.shown(new, sloped=True) for side in sides}
     deepest = max(float(np.nanmax(one.sinkage, initial=0.0)) for one in shown.values())
     if deepest > criteria.STUCK * new.geometry.radius:
         return None
-    return _Views(bool(coupled), shown, {side: side.slopes(new) for side in sides}, step)
+    return _Views(bool(coupled), shown, step)
 
 
 def _measured(
@@ -261,14 +259,6 @@ def _measured(
 
 #: s that a manoeuvre lasts.
 SECONDS = 60.0
-#: How a sensor is checked without any soil, by what it shows.
-_CHECKS = {
-    "load": "calibrate the load cell with known weights",
-    "sinkage": "check the sinkage sensor on firm ground",
-    "drawbar_pull": "calibrate the drawbar pull sensor with known weights",
-    "slip": "measure the distance of ten turns on firm ground, and correct the radius of rover.toml by it",
-    "torque": "calibrate the torque with a known brake",
-}
 
 
 def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[NextDrive]:
@@ -293,14 +283,28 @@ def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[Ne
     table = np.array([margins(ground, sides, course) for course in courses])
     again = np.array([driven(one, course, part) for one, course in zip(known, courses, strict=True)])
     # Of a pair either may be the truth.
-    every = [
-        _Pair(sides[a], sides[b], np.concatenate([table[:, a, b], table[:, b, a]], axis=1))
+    pairs = {
+        (a, b): _Pair(sides[a], sides[b], np.concatenate([table[:, a, b], table[:, b, a]], axis=1))
         for a, b in combinations(range(len(sides)), 2)
-    ]
-    whole = np.mean([np.minimum(pair.worst, criteria.SURE_OF_BENT_LAWS) for pair in every], axis=0)
-    found = [_best(pair, known, again, whole) for pair in every if pair.one is sides[0]]
-    # What is driven first had better settle more than its own pair.
+    }
+    settled = np.ones((len(known), len(sides), len(sides)))
+    for (a, b), pair in pairs.items():
+        settled[:, a, b], settled[:, b, a] = pair.settled
+    # Whichever is the truth is known once all others are ruled out, or its sensor was checked.
+    likely = _likely([refit for _, refit in family])
+    alone = settled.min(axis=2) @ likely
+    checked = likely * [bool(manoeuvres.checks(one.effects)) for one, _ in family]
+    others = range(1, len(sides))
+    found = [_best(pairs[0, b], known, again, alone, max(checked[0], checked[b])) for b in others]
     return [drive for drive, _ in sorted(found, key=lambda one: -one[1])]
+
+
+def _likely(refits: Sequence[Refit]) -> Array:
+    """Return how likely each of a family is, as far as it predicts no worse than the first: shares of 1."""
+    gaps = [one.loss - refits[0].loss for one in refits]
+    away = np.array([gap.sum() / np.hypot(error(gap), criteria.LEAST_GAIN) for gap in gaps])
+    weights = distributions.normal_tail(away)
+    return np.asarray(weights / weights.sum())
 
 
 @dataclass(frozen=True)
@@ -319,8 +323,8 @@ class _Pair:
         return np.asarray(self.margins.min(axis=1))
 
     @property
-    def power(self) -> Array:
-        """How often each drive settles which of the two it is, at most `criteria.MOST_POWER`.
+    def settled(self) -> Array:
+        """How often each drive settles which it is, where it is the one or the other, shape (2, drives).
 
         The right one has to come out ahead by so much that the wrong one, in whichever form of its law, would
         be taken for it in no more than `criteria.RULED_OUT` of the cases, as in `refit_ranking`.
@@ -328,10 +332,13 @@ class _Pair:
         rare = NormalDist().inv_cdf(1.0 - criteria.RULED_OUT)
         sides = np.split(self.margins, 2, axis=1)
         ahead = [np.maximum(rare - wrong.min(axis=1, keepdims=True), 0.0) for wrong in reversed(sides)]
-        settled = [
-            distributions.normal_tail(least - right) for least, right in zip(ahead, sides, strict=True)
-        ]
-        return np.asarray(np.minimum(np.concatenate(settled, axis=1).mean(axis=1), criteria.MOST_POWER))
+        tails = [distributions.normal_tail(least - right) for least, right in zip(ahead, sides, strict=True)]
+        return np.mean(tails, axis=2)
+
+    @property
+    def power(self) -> Array:
+        """How often each drive settles which of the two it is, at most `criteria.MOST_POWER`."""
+        return np.asarray(np.minimum(self.settled.mean(axis=0), criteria.MOST_POWER))
 
 
 def driven(one: Manoeuvre, course: Mapping[str, Array], part: SmoothedData) -> bool:
@@ -349,16 +356,17 @@ def driven(one: Manoeuvre, course: Mapping[str, Array], part: SmoothedData) -> b
 
 
 def _best(
-    pair: _Pair, known: Sequence[Manoeuvre], again: NDArray[np.bool_], whole: Array
+    pair: _Pair, known: Sequence[Manoeuvre], again: NDArray[np.bool_], alone: Array, checked: float = 0.0
 ) -> tuple[NextDrive, float]:
-    """Choose the drive for a pair, and return how much it settles of the whole family.
+    """Choose the drive for a pair, and return how often it leaves one of the whole family (`alone`).
 
-    Of those of the same power, those like the log at hand (`again`) come last.
+    Where none settles the pair, the check of a sensor may do so, that often (`checked`). Of those of the
+    same power, those like the log at hand (`again`) come last.
     """
     names, power = (pair.one.hypothesis.id, pair.other.hypothesis.id), pair.power
     best = float(power.max())
     if best < criteria.LEAST_POWER:
-        return _unsettled(pair.one.hypothesis, pair.other.hypothesis, best), 0.0
+        return _unsettled(pair.one.hypothesis, pair.other.hypothesis, best), checked
     follows = manoeuvres.drivers({*_reads(pair.one), *_reads(pair.other)})
 
     def plainness(place: int) -> tuple[bool, bool, int]:
@@ -368,12 +376,11 @@ def _best(
 
     able = np.flatnonzero(power >= max(best - criteria.SAME_POWER, criteria.LEAST_POWER))
     able = able[~again[able]] if not again[able].all() else able
+    able = able[alone[able] >= alone[able].max() - criteria.SAME_POWER]
     sure = min(float(pair.worst[able].max()), criteria.SURE_OF_BENT_LAWS)
-    level = able[pair.worst[able] >= sure - criteria.SAME_MARGIN]
-    most = float(whole[level].max())
-    chosen = min((int(p) for p in level if whole[p] >= most - criteria.SAME_MARGIN), key=plainness)
+    chosen = min((int(p) for p in able if pair.worst[p] >= sure - criteria.SAME_MARGIN), key=plainness)
     drive = NextDrive(names, known[chosen].text, float(power[chosen]), known[chosen].part)
-    return drive, float(whole[chosen])
+    return drive, float(alone[chosen])
 
 
 def _reads(side: Side) -> set[str]:
@@ -382,11 +389,9 @@ def _reads(side: Side) -> set[str]:
 
 
 def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> NextDrive:
-    said, sensors = [], []
-    for effect in (*one.effects, *other.effects):
-        checks = [_CHECKS[name] for name in effect.laws if name in _CHECKS and effect.kind == "sensor"]
-        sensors += checks
-        said += [effect.settled_by] if effect.settled_by and not checks else []
+    effects = (*one.effects, *other.effects)
+    sensors = manoeuvres.checks(effects)
+    said = [e.settled_by for e in effects if e.settled_by and not manoeuvres.checks([e])]
     check, what = (" or ".join(dict.fromkeys(each)) for each in (sensors, said))
     ending = f": {check}" if check else (f"; what may: {what}" if what else "")
     told = f"no drive tells them apart for sure (the best would in {best:.0%} of all cases){ending}"

@@ -4,7 +4,9 @@ Held-out losses say which of two models predicts better. Whether that names the 
 matter: a law is never exactly that of the catalogue, and where a drive leaves two signatures alike, a bent
 form of the one is what the other predicts. So for every rival its effect, at the size fitted, in its own
 and in bent forms, is put into this very drive with the noise of its blocks, all candidates are fitted to
-the outcome, and it is counted how often the best of now comes out ahead by as much as it is now.
+the outcome, and it is counted how often the best of now comes out ahead by as much as it is now. How far an
+effect is bent is a nuisance parameter: only what these data leave open of it counts (Berger & Boos 1994, JASA
+89(427), 1012–1016).
 """
 
 from __future__ import annotations
@@ -112,13 +114,9 @@ def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis
     now = np.array([one.loss.sum() for one in refits])
     for truth in range(count):
         for column, form in enumerate(FORMS):
-            losses = np.stack(
-                [
-                    cell.losses([part.shown(form) for part in cells[truth].parts], noise, weights)
-                    for cell in cells
-                ],
-                axis=1,
-            )
+            most = _allowed(cells[0], cells[truth], form, noise)
+            shown = [part.predicted + most * part.bend(form) for part in cells[truth].parts]
+            losses = np.stack([cell.losses(shown, noise, weights) for cell in cells], axis=1)
             first = losses.argmin(axis=1)
             firsts[truth, column] = np.mean(first == truth)
             if truth == 0:
@@ -133,6 +131,25 @@ def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis
     share = firsts.mean(axis=1)
     earned = len(family) == 1 and bool(share[0] >= criteria.EARNED)
     return Rivals(family, earned, share)
+
+
+def _allowed(best: _Design, truth: _Design, form: float, residuals: Sequence[Array]) -> float:
+    """Return the largest share of a bend that the residuals of the best allow, were another the truth.
+
+    It is fitted to them beside all parameters of both, which may take up a part of it.
+    """
+    found, square = np.zeros(best.blocks), 0.0
+    for one, other, residual in zip(best.parts, truth.parts, residuals, strict=True):
+        design = np.concatenate([one.design, other.design], axis=2)
+        flat, bend = design.reshape(-1, design.shape[2]), other.bend(form)
+        moved = np.linalg.solve(flat.T @ flat + other.spread * np.eye(flat.shape[1]), flat.T @ bend.ravel())
+        own = (residual != 0.0) * (bend - design @ moved)
+        left = np.clip(residual, -smoothed_model.BEND, smoothed_model.BEND)
+        found += np.bincount(one.block, (own * left).sum(axis=1), best.blocks)
+        square += float((own**2).sum())
+    # The noise has a variance of 1; the scatter of a few blocks may show too little of it.
+    most = found.sum() + criteria.BETTER * np.sqrt(max((found**2).sum(), square))
+    return float(np.clip(most / square, 0.0, 1.0)) if square > 0.0 else 1.0
 
 
 def _tied(difference: Array, seed: int) -> bool:
@@ -174,14 +191,14 @@ class _Part:
         self, predicted: Array, effect: Array, design: Array, block: Index, blocks: int, spread: float
     ) -> None:
         self.predicted, self.effect, self.block, self.blocks = predicted, effect, block, blocks
-        self.design = design
+        self.design, self.spread = design, spread
         self.information = products(design, design, block, blocks)
         whole = self.information.sum(axis=0) + spread * np.eye(design.shape[2])
         self.inverse = np.linalg.inv(whole - self.information)
 
-    def shown(self, form: float) -> Array:
-        """Return what would be seen were this the truth, its effect bent by a power of its own size."""
-        return np.asarray(self.predicted + bent(self.effect, form, self.effect))
+    def bend(self, form: float) -> Array:
+        """Return by how much the effect changes when bent by a power of its own size."""
+        return bent(self.effect, form, self.effect)
 
     def scores(self, residual: Array) -> Array:
         """Return the products of the design and a residual, by block."""
