@@ -37,6 +37,7 @@ HEAD = 4_200
 _BLOCK = 1 << 20
 #: How rosbag2 names the files of a recording, which it may split.
 _PART = re.compile(r"(.*_)(\d+)(\.mcap|\.db3)")
+_INDEX_AT = re.compile(rb"index_pos=(.{8})", re.DOTALL)  # In the header of ROS 1
 _LARGEST = 1 << 40  # A file of a recording is never larger than this, however it is packed
 
 
@@ -95,19 +96,17 @@ def check(path: Path, kind: str, name: str, *, salvage: bool = False) -> None:
 
 
 def _check_ros1(name: str, head: bytes, size: int) -> None:
-    key, width = b"index_pos=", 8
-    at = head.find(key) + len(key)
-    if at < len(key) or len(head) < at + width:
+    match = _INDEX_AT.search(head)
+    if match is None:
         raise DamagedError(name, f"cut off after {size} bytes, in its header", hint=HINTS["ros1"])
-    (index,) = struct.unpack_from("<Q", head, at)
-    wrong = ""
-    if index == 0:
-        wrong = "its index is missing: the recording was not closed properly"
-    elif index >= size:
+    index = int.from_bytes(match[1], "little")
+    if 0 < index < size:
+        return
+    wrong = "its index is missing: the recording was not closed properly"
+    if index:
         places = f"it should begin at byte {index:,}, the file ends at {size:,}"
         wrong = f"cut off: its index is missing ({places})"
-    if wrong:
-        raise DamagedError(name, wrong, hint=HINTS["ros1"])
+    raise DamagedError(name, wrong, hint=HINTS["ros1"])
 
 
 def _check_profile(name: str, head: bytes) -> None:

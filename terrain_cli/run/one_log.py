@@ -83,7 +83,8 @@ def run(
         if settings.stress is not None:
             samples.remarks += strength.beyond(samples.wheel, [strength.driven(samples)], settings.stress)
         told = long_log.account(samples, len(samples), used, samples.reasons(), samples.remarks)
-        outcome.account["wheels"].append(told | {"places": placed._asdict() if placed else None})
+        told["places"] = placed._asdict() if placed else None
+        outcome.account["wheels"].append(told)
         outcome.rejects.append(segment_table.rejects(samples))
         if not used:
             continue
@@ -96,11 +97,10 @@ def run(
         )
         # Wheels of one log are compared at one stress.
         stress = estimators.common_stress(stress, fitted)
-        outcome.account["wheels"][-1]["model"] = fitted.account
+        told["model"] = fitted.account
         tables.append(segment_table.table(cut, fitted.estimates))
         mixed = segment_table.several_terrains(samples, tables[-1])
-        remarks = [*samples.remarks, *segment_table.told_of_terrains(samples.wheel, mixed)]
-        outcome.account["wheels"][-1]["remarks"] = remarks
+        told["remarks"] = [*samples.remarks, *segment_table.told_of_terrains(samples.wheel, mixed)]
         outcome.estimates.append(fitted.estimates)
         if settings.method == "recursive":
             outcome.trace.append(segment_table.trace(cut))

@@ -82,20 +82,16 @@ def joined(parts: Sequence[Samples]) -> Samples:
     columns: dict[str, Any] = {}
     for name in COLUMNS:
         known = [own for part in parts if (own := getattr(part, name)) is not None]
-        columns[name] = _together(known) if known else None
+        columns[name] = raw_columns.join(known) if known else None
     nothing = [np.full(len(part), np.nan) for part in parts]
     for name in TABLES:
         own = [getattr(part, name) for part in parts]
         keys = dict.fromkeys(key for table in own for key in table)
         columns[name] = {
-            key: _together([table.get(key, none) for table, none in zip(own, nothing, strict=True)])
+            key: raw_columns.join([table.get(key, none) for table, none in zip(own, nothing, strict=True)])
             for key in keys
         }
     return replace(parts[0], **columns)
-
-
-def _together(columns: Sequence[Any]) -> Column:
-    return raw_columns.join(columns) if isinstance(columns[0], Labels) else np.concatenate(columns)
 
 
 def excerpted(samples: Sequence[Samples]) -> list[str]:

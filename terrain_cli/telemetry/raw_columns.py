@@ -28,18 +28,13 @@ _LARGEST, _SMALLEST = 1e30, 1e-30
 
 
 def join(columns: Sequence[Column]) -> Column:
-    """Join the pieces of one column: what is text in one piece is text in all."""
+    """Join the pieces of one column: what is text in one piece is text in all, as labels in their order."""
     arrays = [column for column in columns if not isinstance(column, Labels)]
     if len(arrays) == len(columns):
         return np.concatenate(arrays) if len(arrays) > 1 else arrays[0]
-    return join_labels([as_labels(column) for column in columns])
-
-
-def join_labels(parts: Sequence[Labels]) -> Labels:
-    """Join labels, their names in order of appearance."""
     names: dict[str, int] = {}
     codes = []
-    for part in parts:
+    for part in map(as_labels, columns):
         new = np.array([names.setdefault(name, len(names)) for name in part.names] + [-1], dtype=np.int32)
         codes.append(new[part.codes])
     return Labels(np.concatenate(codes), tuple(names))
