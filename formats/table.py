@@ -22,9 +22,16 @@ STANDARD_INPUT = "standard input"
 
 @dataclass(frozen=True, slots=True)
 class Labels:
-    """A column of text, each distinct text held once."""
+    """A column of text, each distinct text held once.
 
-    codes: NDArray[np.int32]  # Index into `names`, −1 where there is none; shape (n,)
+    Parameters
+    ----------
+    codes : ndarray of int32, shape (n,)
+        Index into `names`; −1 where there is none.
+    names : tuple of str
+    """
+
+    codes: NDArray[np.int32]
     names: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -44,27 +51,48 @@ Kind = Literal["number", "text", "time", "numbers", "texts"]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One column, or one field of a message."""
+    """One column, or one field of a message.
 
-    #: The header of the column as written (without a byte-order mark), or the dotted path of the field in its
-    #: message, such as ``wrench.force.z``.
+    Parameters
+    ----------
+    name : str
+        The header of the column as written (without a byte-order mark), or the dotted path
+        of the field in its message, such as ``wrench.force.z``.
+    kind : {"number", "text", "time", "numbers", "texts"}
+        The plural kinds are lists in each message; one element of a list is read with
+        ``effort[2]`` or ``effort[wheel_fl]``: by its place, or by the place of the text in
+        the list ``name`` beside it.
+    elements : tuple of str
+        For lists: the texts of the list ``name`` beside it in the first message, or the
+        places ("0", "1", …) if there is none.
+    """
+
     name: str
-    #: The plural kinds are lists in each message; one element of a list is read with ``effort[2]`` or
-    #: ``effort[wheel_fl]``: by its place, or by the place of the text in the list ``name`` beside it.
     kind: Kind
-    #: For lists: the texts of the list ``name`` beside it in the first message, or the places ("0", "1", …).
     elements: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stream:
-    """A series of records with the same fields: a table, or one topic of a bag."""
+    """A series of records with the same fields: a table, or one topic of a bag.
 
-    topic: str  # Empty for a table
-    type: str  # The message type; "table" for a table
+    Parameters
+    ----------
+    topic : str
+        The topic; empty for a table.
+    type : str
+        The message type; "table" for a table.
+    fields : tuple of Field
+    count : int or None
+        Number of records, where it is known without reading them.
+    start, end : int or None
+        First and last log time in ns, where known without reading.
+    """
+
+    topic: str
+    type: str
     fields: tuple[Field, ...]
-    count: int | None = None  # Number of records, where it is known without reading them
-    #: First and last log time in ns, where known without reading.
+    count: int | None = None
     start: int | None = None
     end: int | None = None
 
@@ -75,14 +103,25 @@ STAMP = "@stamp"  # NaT where the message has no header or its stamp is zero
 
 @dataclass
 class Source(ABC):
-    """One input, opened: what is inside, and its columns batch by batch."""
+    """One input, opened: what is inside, and its columns batch by batch.
 
-    path: str  # As the user named it; "-" is the standard input
-    kind: str  # One of `content.FILE_KINDS`
-    #: What a person should know about how the file was read (delimiter, decimal comma, rows passed over and
-    #: why); complete only once it has been read.
+    Parameters
+    ----------
+    path : str
+        As the user named it; "-" is the standard input.
+    kind : str
+        One of `content.FILE_KINDS`.
+    remarks : list of str
+        What a person should know about how the file was read (delimiter, decimal comma,
+        rows passed over and why); complete only once it has been read.
+    recovery : Recovery or None
+        What was saved and what was lost, where it was opened with salvage.
+    """
+
+    path: str
+    kind: str
     remarks: list[str] = field(default_factory=list)
-    recovery: Recovery | None = None  # What was saved and what was lost, where it was opened with salvage
+    recovery: Recovery | None = None
 
     @property
     def label(self) -> str:

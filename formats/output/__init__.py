@@ -56,6 +56,7 @@ def write_table(
     *,
     kind: str | None = None,
     crs: str | None = None,
+    geometry: str = "WKT",
     layer: str = LAYER,
     layers: Mapping[str, Mapping[str, Values]] | None = None,
     graduated: Mapping[str, Sequence[str]] | None = None,
@@ -63,8 +64,8 @@ def write_table(
     """Write a table, whole or not at all.
 
     Numbers keep every digit (the shortest text that gives the same float64 back); NaN is an
-    empty cell, or null. The column "WKT" holds the geometry, POINT or LINESTRING, if there is
-    one: a GeoPackage and GeoJSON have it in place of that column, Parquet beside it.
+    empty cell, or null. A GeoPackage and GeoJSON hold the geometry in place of its column,
+    Parquet beside it.
 
     Parameters
     ----------
@@ -78,6 +79,8 @@ def write_table(
         Reference system of the geometry as GDAL takes it, such as "EPSG:4326" or
         "IAU_2015:49900", x before y and longitude before latitude; a site frame in metres if
         not given.
+    geometry : str
+        The column that holds WKT (POINT or LINESTRING), if there is one.
     layer : str
         What a GIS shows as the name of the table.
     layers : mapping of str to mapping, optional
@@ -104,26 +107,28 @@ def write_table(
         if kind not in _TEXT_KINDS:
             raise CannotWriteError("standard output", f"{kind} needs a file", hint="give -o FILE")
         with explained("standard output"):
-            write_text(table, destination, kind, crs, layer)
+            write_text(table, destination, kind, crs, geometry, layer)
             destination.flush()
         return
     kind = kind or output_kind(destination)
     with replacing(destination) as temporary:
         if kind in _TEXT_KINDS:
             with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
-                write_text(table, stream, kind, crs, layer)
+                write_text(table, stream, kind, crs, geometry, layer)
         elif kind == "parquet":
             from formats.output.parquet_writer import write_parquet
 
-            write_parquet([table], temporary, crs)
+            write_parquet([table], temporary, crs, geometry)
         else:
             from formats.output.geopackage import write_geopackage
 
             tables = {layer: table, **{name: normalise(more) for name, more in (layers or {}).items()}}
-            write_geopackage(tables, graduated or {}, destination, temporary, crs)
+            write_geopackage(tables, graduated or {}, destination, temporary, crs, geometry)
 
 
-def write_parts(parts: Iterable[Mapping[str, Values]], destination: str, *, crs: str | None) -> None:
+def write_parts(
+    parts: Iterable[Mapping[str, Values]], destination: str, *, crs: str | None = None, geometry: str = "WKT"
+) -> None:
     """Write a table as Parquet, whole or not at all, of which only a part is held at a time.
 
     Parameters
@@ -132,7 +137,7 @@ def write_parts(parts: Iterable[Mapping[str, Values]], destination: str, *, crs:
         At least one; as `write_table` takes them, with the same columns.
     destination : str
         A path.
-    crs : str or None
+    crs, geometry : str
         As for `write_table`.
 
     Raises
@@ -143,4 +148,4 @@ def write_parts(parts: Iterable[Mapping[str, Values]], destination: str, *, crs:
     from formats.output.parquet_writer import write_parquet
 
     with replacing(destination) as temporary:
-        write_parquet(map(normalise, parts), temporary, crs)
+        write_parquet(map(normalise, parts), temporary, crs, geometry)

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Values: TypeAlias = "NDArray[Any] | Labels | Sequence[str | None] | Sequence[float | None]"
-LAYER = "segments"  # What a GIS shows as the name of the layer
-WKT = "WKT"  # The column that holds POINT or LINESTRING, if there is one
-_SHAPE = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?\(([^()]+)\)\s*", re.IGNORECASE)
+#: What a GIS shows as the name of the layer.
+LAYER = "segments"
+_WKT = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?\(([^()]+)\)\s*", re.IGNORECASE)
 _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)
 #: Metres in a frame of their own: GDAL reads it from GeoJSON, and writes srs_id −1 for it in a GeoPackage.
 SITE_FRAME = 'LOCAL_CS["Undefined Cartesian SRS",UNIT["metre",1]]'
@@ -34,6 +34,7 @@ Table: TypeAlias = "dict[str, NDArray[Any]]"
 
 
 def normalise(columns: Mapping[str, Values]) -> Table:
+    """Bring columns into one form."""
     table = {name: _column(name, values) for name, values in columns.items()}
     if len(set(map(len, table.values()))) > 1:
         lengths = ", ".join(f"{name} {len(column)}" for name, column in table.items())
@@ -59,6 +60,8 @@ def _column(name: str, values: Values) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True)
 class WktShape:
+    """A point or a line."""
+
     kind: Literal["Point", "LineString"]
     points: tuple[tuple[float, ...], ...]  # (x, y) or (x, y, z) each
 
@@ -74,7 +77,7 @@ def parse(text: str | None) -> WktShape | None:
     """Read well-known text; None for nothing and for an empty geometry."""
     if not text or _EMPTY.fullmatch(text):
         return None
-    match = _SHAPE.fullmatch(text)
+    match = _WKT.fullmatch(text)
     if match is None:
         raise ValueError(f"neither POINT nor LINESTRING: {text[:60]!r}")
     points = tuple(tuple(map(float, point.split())) for point in match[2].split(","))
@@ -131,5 +134,6 @@ def check_crs(crs: str | None) -> None:
 
 
 def unknown_crs(crs: str) -> FormatError:
+    """Say that GDAL does not know a reference system."""
     hint = "for instance EPSG:4326 (Earth), IAU_2015:49900 (Mars), IAU_2015:30100 (Moon)"
     return FormatError(crs, "GDAL knows no such reference system", hint=hint)
