@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from terrain_cli.comparison.comparison_outcome import WheelComparison
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.mechanics.effect import Parameter
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
@@ -39,6 +40,40 @@ if TYPE_CHECKING:
 
 #: Load in N and radius in m of the wheel of Iagnemma et al. (2004), to which sizes of effects are usual.
 _PAPER_LOAD, _PAPER_RADIUS = 98.1, 0.1
+
+
+class _OnSoils(NamedTuple):
+    """A model that was fitted to the soils which it needs."""
+
+    wheels: Sequence[Windows]  # As they were cut
+    file: ModelFile
+    fitted: Sequence[FittedWheel]
+    told: Sequence[str]  # What has to be said about it
+
+    @classmethod
+    def of(cls, wheels: Sequence[Windows], file: ModelFile, progress: Callable[[str], None]) -> _OnSoils:
+        settings = FitSettings.of(wheels, file)
+        missing = alarm.missing_effects(file)
+        further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
+        known = with_inputs(wheels, [*file.model.effects, *missing])
+        several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
+        return cls(wheels, file, several, told)
+
+    def compared(self, soils: EstimateRequest | None = None, *, seed: int, **options: Any) -> Comparison:
+        """Compare it with what was measured; options are those of `of_fitted`."""
+        wheels, file = self.wheels, self.file
+        found = of_fitted(self.fitted, seed=seed, warnings=self.told, **options)
+        block = [one.blocks for one in found.wheels]
+        return replace(
+            found,
+            soils=soils or EstimateRequest(wheels=wheels, file=file),
+            refused=models.refused(
+                file,
+                [one.samples.source for one in wheels],
+                sum(len(one.windows.rows) for one in found.wheels),
+            ),
+            scores=cache(partial(alarm.score, self.fitted, block, file, seed)),
+        )
 
 
 def fitted(
@@ -55,23 +90,8 @@ def fitted(
 
     Options are as for `of_fitted`.
     """
-    settings = FitSettings.of(wheels, file)
-    missing = alarm.missing_effects(file)
-    further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
-    known = with_inputs(wheels, [*file.model.effects, *missing])
-    several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
-    found = of_fitted(several, like=like, findings=findings, seed=seed, warnings=told, progress=progress)
-    block = [one.blocks for one in found.wheels]
-    return replace(
-        found,
-        soils=soils or EstimateRequest(wheels=wheels, file=file),
-        refused=models.refused(
-            file,
-            [one.samples.source for one in wheels],
-            sum(len(one.windows.rows) for one in found.wheels),
-        ),
-        scores=cache(partial(alarm.score, several, block, file, seed)),
-    )
+    found = _OnSoils.of(wheels, file, progress)
+    return found.compared(soils, like=like, findings=findings, seed=seed, progress=progress)
 
 
 def compared(wheels: Sequence[Windows], file: ModelFile, **options: Any) -> Comparison:
@@ -96,24 +116,26 @@ def tried(
     effects = [effect for file in (before, after) for effect in file.model.effects]
     parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
 
-    def fit(
-        what: str, file: ModelFile, some: Sequence[Windows] = wheels, like: Comparison | None = None
-    ) -> Comparison:
-        return fitted(some, file, like=like, seed=seed, progress=lambda step: progress(f"{what}{step}"))
+    def telling(what: str) -> Callable[[str], None]:
+        return lambda step: progress(f"{what}: {step}")
 
-    first = fit("before: ", before) if first is None else first
-    second = fit("after: ", after, like=first)
-    if first.blocks < comparison_criteria.FEWEST_BLOCKS:
-        # What is missing is remembered longer than noise: the better model tells how long that is.
-        own = fit("after, anew: ", after)
-        if own.blocks > first.blocks:
-            first, second = fit("", before, like=own), own
+    def both(some: Sequence[Windows], first: Comparison | None) -> tuple[Comparison, Comparison]:
+        told, new = telling("before"), telling("after")
+        old = cache(lambda: _OnSoils.of(some, before, told))
+        first = old().compared(seed=seed, progress=told) if first is None else first
+        soils = _OnSoils.of(some, after, new)
+        own = soils.compared(seed=seed, progress=new)
+        if first.blocks < comparison_criteria.FEWEST_BLOCKS and own.blocks > first.blocks:
+            # What is missing is remembered longer than noise: the better model tells how long that is.
+            return old().compared(like=own, seed=seed, progress=told), own
+        second = soils.compared(like=first, findings=False, seed=seed, progress=new)
+        return first, as_compared(second, own)
+
+    first, second = both(wheels, first)
     progress("one soil or several")
     windows, told = _needed_soils(first, second, action, before, after)
     if told:
-        first = fit("before: ", before, windows)
-        second = fit("after: ", after, windows, like=first)
-    second = as_compared(second, fit("after, anew: ", after, windows if told else wheels))
+        first, second = both(windows, None)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
