@@ -379,10 +379,8 @@ def _record(found: Evidence, *, few: bool) -> str:
         return _more(found)
     # On the same track the soil would vary as it did.
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
-    told = (
-        f"The soil may vary, or the model lacks something. {again}: if the misfit changes, it is the soil; "
-    )
-    told += "if it returns, the model."
+    told = "" if found.steps else "The soil may vary, or the model lacks something. "
+    told += f"{again}: if the misfit changes, it is the soil; if it returns, the model."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

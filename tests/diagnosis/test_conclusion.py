@@ -206,7 +206,8 @@ def evidence(ratios, **known):
             evidence(OFF, verdict="none", steps=True, closest="slope"),
             "unexplained",
             UNFIT
-            + "the soil changes, as a note says, and nothing else explains as much of it beyond chance. ",
+            + "the soil changes, as a note says, and nothing else explains as much of it beyond chance. "
+            + "Repeat the drive",
             "",
             id="the soil changes",
         ),
