@@ -364,8 +364,14 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     if found.stretch is None or found.share > criteria.STEPS_SHARE:
         return None
     low, high = (f"{time:.12g}" for time in found.stretch)
-    cause = f"most of all from {low} s to {high} s: see what happened then, and if the model fits without it"
-    return cause, asked.where(f"time < {low} or time > {high}").looked("compare")
+    when, others = f"from {low} s to {high} s", f"time < {low} or time > {high}"
+    if math.isinf(found.stretch[1]):
+        # What begins at some time and stays may be an effect: only a diagnosis tells that it is none.
+        if found.verdict is None:
+            return None
+        when, others = f"after {low} s", f"time < {low}"
+    cause = f"most of all {when}: see what happened then, and if the model fits without it"
+    return cause, asked.where(others).looked("compare")
 
 
 def _did_not_pay(found: Evidence) -> str:

@@ -399,6 +399,17 @@ def test_a_stretch_that_differs_is_left_out_and_the_rest_compared(further):
     assert command == f"terrain-est compare run.csv --where '(load > 50) and ({condition})'"
 
 
+def test_a_step_with_time_is_told_once_no_effect_explains_it():
+    """A zero that jumps. A soil, a second pass or a motor may as well: so a diagnosis comes first."""
+    steps = {"raised": True, "tracked": True, "stretch": (40.0, math.inf)}
+    assert conclude(evidence(OFF, **steps), ASKED).command == LOOK
+    told = conclude(evidence(OFF, **steps, verdict="unknown", law="torque follows load"), ASKED)
+    assert told.sentence.startswith(MISSES + "most of all after 40 s: see what happened then")
+    assert told.command == "terrain-est compare 'a run.csv' --segments none --where 'time < 40'"
+    named = {"verdict": "effect", "family": ("multi-pass",), "share": 0.9}
+    assert conclude(evidence(OFF, **steps, **named), ASKED).command.startswith(NEW + "multi-pass")
+
+
 def test_an_effect_that_explains_most_is_more_than_a_stretch():
     named = {"verdict": "effect", "family": ("slope",), "share": 0.9}
     assert conclude(evidence(OFF, **STRETCH, **named), ASKED).command.startswith(NEW + "slope")
