@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -166,9 +167,15 @@ class Comparison:
 
     @property
     def stretch(self) -> tuple[float, float] | None:
-        """Beginning and end, in s, of the stretch that the strongest finding is about, if it is."""
+        """Beginning and end, in s, of the stretch that the strongest finding is about, if it is.
+
+        The end is infinite where it steps with time, and with nothing else.
+        """
         first = next(iter(self.failures), None)
-        return None if first is None or first.until is None else (first.at or 0.0, first.until)
+        if first is None or first.until is not None:
+            return None if first is None or first.until is None else (first.at or 0.0, first.until)
+        steps = (first.driver, first.shape) == ("time", "step") and not first.alternatives
+        return (first.at or 0.0, math.inf) if steps else None
 
     @property
     def doubted(self) -> tuple[str, ...]:

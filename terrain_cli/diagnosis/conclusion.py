@@ -62,7 +62,7 @@ class Evidence:
     several: int = 0  # Soils of one ground, for all of which an effect may stand; a diagnosis tells
     # Soils on which the ratios are, and how many the segments have, where these are more
     fewer: tuple[int, int] = (0, 0)
-    noise_with: str = ""  # Effect with which the noise is so much smaller that the ratios are others
+    noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
     steps: bool = False  # By a diagnosis: within segments the soil changes, which takes most of what is left
 
     @property
@@ -116,24 +116,22 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     family = tuple(name for name in found.family if name not in doubted) or found.family
     first = next((one for one in found.candidates if one.effect in family[:1]), None)
     credible = [one for one in found.candidates if not one.doubt]
-    noise = noise_with(found, first)
-    shares = [(min(one.explained, share_taken(found, one, noise)), one.effect) for one in credible]
-    likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
-    # Nor is a drive worth while that only tells what explains it from what does not.
-    drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     soils, segments = found.soils
     # Where several soils stand for an effect, their errors are those of noise.
     hidden = found.alarm.raised and soils < segments and not above_noise(over_noise(found.comparison))
     fewer = found.soils if hidden else (0, 0)
-    errors = found.heldout if any(fewer) else {}
+    errors = found.heldout if hidden else {}
+    noise = noise_with(found, first, errors)
     ratios = over_noise(found.comparison, errors, noise)
-    said, own = (
-        [(name, _number(one)) for name, one in above_noise(every).items()]
-        for every in (ratios, over_noise(found.comparison, errors))
-    )
+    passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
+    passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
+    shares = [(min(one.explained, share_taken(found, one, noise)), one.effect) for one in credible]
+    likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
+    # Nor is a drive worth while that only tells what explains it from what does not.
+    drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     return Evidence(
         ratios=ratios,
-        noise_with=first.effect if first and said != own else "",
+        noise_with=f"{listed(passed)} as it is with {first.effect}" if first and passed else "",
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         stretch=found.comparison.stretch,
@@ -181,7 +179,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
         size = _on_fewer(found) + (_size(above) if above else _not_random(known))
-        size += f" (noise as it is with {found.noise_with})" * bool(above and found.noise_with)
+        size += f" (noise in {found.noise_with})" * bool(found.noise_with)
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
@@ -366,8 +364,14 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     if found.stretch is None or found.share > criteria.STEPS_SHARE:
         return None
     low, high = (f"{time:.12g}" for time in found.stretch)
-    cause = f"most of all from {low} s to {high} s: see what happened then, and if the model fits without it"
-    return cause, asked.where(f"time < {low} or time > {high}").looked("compare")
+    when, others = f"from {low} s to {high} s", f"time < {low} or time > {high}"
+    if math.isinf(found.stretch[1]):
+        # What begins at some time and stays may be an effect: only a diagnosis tells that it is none.
+        if found.verdict is None:
+            return None
+        when, others = f"after {low} s", f"time < {low}"
+    cause = f"most of all {when}: see what happened then, and if the model fits without it"
+    return cause, asked.where(others).looked("compare")
 
 
 def _did_not_pay(found: Evidence) -> str:
@@ -381,10 +385,8 @@ def _record(found: Evidence, *, few: bool) -> str:
         return _more(found)
     # On the same track the soil would vary as it did.
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
-    told = (
-        f"The soil may vary, or the model lacks something. {again}: if the misfit changes, it is the soil; "
-    )
-    told += "if it returns, the model."
+    told = "" if found.steps else "The soil may vary, or the model lacks something. "
+    told += f"{again}: if the misfit changes, it is the soil; if it returns, the model."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

@@ -183,14 +183,18 @@ class Diagnosis:
     soils: tuple[int, int] = (0, 0)  # On which effects were looked for, and those of the segments
 
 
-def noise_with(found: Diagnosis, first: Candidate | None) -> dict[str, float]:
-    """Return the noise by channel; where a model misses, much of its misfit may pass for noise."""
-    noise = {name: one.noise for name, one in found.comparison.channels.items()}
+def noise_with(found: Diagnosis, first: Candidate | None, errors: Mapping[str, float]) -> dict[str, float]:
+    """Return the noise by channel, where a misfit has passed for noise that with another model.
+
+    `errors` are those of the model as it is, where they are not those of the comparison.
+    """
     better = first.noise if first is not None else {}
-    return {
-        name: better[name] if level > comparison_criteria.ABOVE_NOISE * better.get(name, math.nan) else level
-        for name, level in noise.items()
-    }
+    noise = {}
+    for name, one in found.comparison.channels.items():
+        fits = not errors.get(name, one.heldout_rmse) > comparison_criteria.ABOVE_NOISE * one.noise
+        less = one.noise > comparison_criteria.ABOVE_NOISE * better.get(name, math.nan)
+        noise[name] = better[name] if fits and less else one.noise
+    return noise
 
 
 def over_noise(

@@ -204,8 +204,8 @@ class Step:
         """Whether the way back would pay, it rose and no fall outweighs that; or it rose and nothing fell."""
         value, low, high = self.evidence.overall
         rose = _differs(Interval(1.0 / value, 1.0 / high, 1.0 / low), self.rose, self.fell)
-        # That over all channels the rise may be chance is no reason to be without it.
-        rose = rose or (bool(self.rose) and not self.fell)
+        # That a rise may be chance is no reason to be without what made it fall.
+        rose = rose or (not self.fell and (bool(self.rose) or value > 1.0 + criteria.LEAST_CHANGE))
         lost = self.evidence.lost > comparison_criteria.UNPREDICTED
         return self.testable and ((self.there and rose and not self.imitates) or lost)
 

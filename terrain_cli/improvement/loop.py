@@ -93,18 +93,30 @@ def until_quiet(
     else:
         because, found = f"stopped after {criteria.MOST_EFFECTS} effects", None
     effects = [name for name in added if name not in models.ASSUMPTIONS]
+    removed: list[str] = []
     # One that was added alone has just been tried.
     for name in effects if len(added) > 1 else ():
         step, file = attempt("remove", [name], file, None)
         yield step
         if step.kept:
-            found, last = None, step
-    if found is not None:
-        evidence, comparison = conclusion.of_diagnosis(found, refused=refused), found.comparison
-    else:
+            removed.append(name)
+            last = step
+    if removed:
+        found = diagnose(kept_aside.seen(wheels), file)
+        again = quiet and found.alarm.raised
+        because = f"without {listed(removed)} something stands out again" if again else because
+    yield _stopped(file, found, last, because, refused)
+
+
+def _stopped(
+    file: ModelFile, found: Diagnosis | None, last: Step | None, because: str, refused: tuple[str, ...]
+) -> Stopped:
+    """Say where the loop ended, by the diagnosis of the model as it is, if there is one."""
+    if found is None:
         assert last is not None  # noqa: S101 - what changed the model
-        evidence, comparison = conclusion.of_comparison(last.second), last.second
-    yield Stopped(file, quiet, because, evidence, comparison)
+        return Stopped(file, False, because, conclusion.of_comparison(last.second), last.second)
+    evidence = conclusion.of_diagnosis(found, refused=refused)
+    return Stopped(file, not found.alarm.raised, because, evidence, found.comparison)
 
 
 def _rivals(found: Diagnosis, names: Sequence[str]) -> tuple[tuple[str, ...], NextDrive | None]:

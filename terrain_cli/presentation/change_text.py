@@ -102,9 +102,10 @@ def _found(step: Step) -> str:
     value, low, high = step.evidence.overall
     ratio = f"× {value:.2f} ({low:.2f} to {high:.2f})"
     if not moved:
+        verb = "fell" if step.better else "rose" if step.costs and value > 1.0 else ""
         return (
-            f"the held-out error fell over all channels, {ratio}, though in none alone significantly"
-            if step.better
+            f"the held-out error {verb} over all channels, {ratio}, though in none alone significantly"
+            if verb
             else f"in no channel did it change significantly and by more than {criteria.LEAST_CHANGE:.0%}"
         )
     text = ", and ".join(moved)

@@ -117,6 +117,18 @@ def test_a_stretch_that_differs_is_found_where_it_lies():
     assert first.amplitude > 0.0
 
 
+def test_a_step_with_time_has_no_end():
+    samples = samples_of(1, Kind())
+    channels = {name: values for name, values in samples.channels.items() if name not in {"x", "y"}}
+    channels["torque"] = channels["torque"] + np.where(samples.time >= 60.0, 0.6, 0.0)
+    found = compare([cut(replace(samples, channels=channels), "none")], Model())
+    first = found.failures[0]
+    assert (first.channel, first.driver, first.shape) == ("torque", "time", "step")
+    assert found.stretch == (pytest.approx(60.0, abs=6.0), np.inf)
+    told = replace(first, alternatives=("motor_temperature",))
+    assert replace(found, failures=[told]).stretch is None
+
+
 def test_two_models_are_compared_on_the_same_blocks(clean):
     wheels = [one.windows for one in clean.wheels]
     held = compare(wheels, Model(), fixed={"shear_modulus": 0.1}, like=clean)

@@ -168,6 +168,12 @@ def test_an_effect_stays_without_which_one_error_rises_and_none_falls():
     assert [one.name for one in found.rose] == ["drawbar_pull"]
     assert not found.fell
     assert found.costs
+    # Nor is one taken out that may have taken a part off all of them.
+    open_ = step(outcome(a), outcome({**a, "torque": wild * a["torque"]}), "remove")
+    assert open_.evidence.overall.value > 1.02
+    assert not open_.rose
+    assert open_.costs
+    assert "the held-out error rose over all channels, × 1.0" in verdict(open_)
 
 
 def test_what_rises_much_outweighs_what_falls():

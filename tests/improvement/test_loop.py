@@ -187,6 +187,8 @@ def test_an_effect_that_another_makes_needless_is_dropped(folder):
     assert 0.01 < idle["p_value"] <= 1.0
     assert ("remove", "gear-efficiency", True) in told(steps)
     assert effects(end) == ["drivetrain-friction"]
+    # The silence that is told is that of the model as it is in the end.
+    assert (end.quiet, end.evidence.verdict) == (True, "none")
     for one in steps:
         assert one.kept == (one.pays if one.action == "add" else not one.costs)
 
