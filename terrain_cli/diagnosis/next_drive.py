@@ -333,7 +333,7 @@ class _Pair:
         sides = np.split(self.margins, 2, axis=1)
         ahead = [np.maximum(rare - wrong.min(axis=1, keepdims=True), 0.0) for wrong in reversed(sides)]
         tails = [distributions.normal_tail(least - right) for least, right in zip(ahead, sides, strict=True)]
-        return np.mean(tails, axis=2)
+        return np.asarray(np.mean(tails, axis=2))
 
     @property
     def power(self) -> Array:
