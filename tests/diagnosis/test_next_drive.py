@@ -209,6 +209,20 @@ def test_of_drives_of_the_same_power_one_that_more_often_leaves_a_single_effect_
         assert (found.manoeuvre, share) == (known[best].text, alone[best])
 
 
+def test_where_no_drive_tells_a_check_counts_as_much_as_its_sensor_is_likely():
+    loss = np.linspace(1.0, 2.0, 12)
+    refits = [SimpleNamespace(loss=loss + more) for more in (0.0, 0.0, 0.5)]
+    likely = next_drive._likely(refits)
+    np.testing.assert_allclose(likely, [0.5, 0.5, 0.0], atol=1e-6)
+    side = SimpleNamespace(hypothesis=SimpleNamespace(id="x", effects=(catalogue()["load-bias"],)))
+    pair = next_drive._Pair(side, side, np.zeros((1, 4)))
+    known, again = manoeuvres.library(AT, 60.0)[:1], np.zeros(1, dtype=bool)
+    found, share = next_drive._best(pair, known, again, np.array([0.9]), likely[1])
+    assert found.settings == {}
+    assert found.check == "calibrate the load cell with known weights"
+    assert share == likely[1]
+
+
 def test_the_first_drive_for_a_large_family_tells_its_members_from_one_another_too():
     first = suggest(*case("large"))[0].settings
     # The best pair alone would be content with one of these: then another two stay as alike as they were.
