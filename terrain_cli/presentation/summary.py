@@ -194,10 +194,10 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 LISTED = 40
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
-    "missed": "what the model leaves of {} is larger or lasts longer than noise: the soil varies there, or "
-    "an effect is missing: see terrain-est diagnose",
-    "moved": "what the model leaves of {} may be an effect that it lacks, which would move c, φ or strength "
-    "by more than its error: see terrain-est diagnose",
+    "missed": "the residuals of {} are larger than noise, or last longer: the soil varies there, or an "
+    "effect is missing: see terrain-est diagnose",
+    "moved": "the residuals of {} look like an effect that the model lacks, which would move c, φ or "
+    "strength by more than its error: see terrain-est diagnose",
     "unsettled": "the fit did not converge in {}",
 }
 _HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")
@@ -211,7 +211,7 @@ MEANINGS = {
     "out-of-range": "c is negative or φ outside 0 to 60°: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
     "prior-bound": "the data do not determine c or φ, which is left empty",
-    "model-misses": "the model does not fit to the noise: the soil varies, or an effect is missing, and then "
+    "model-misses": "the residuals are more than noise: the soil varies, or an effect is missing, and then "
     "c and φ may be off; try `terrain-est diagnose`",
     "too-few-samples": "windows with fewer samples than --min-samples",
 }

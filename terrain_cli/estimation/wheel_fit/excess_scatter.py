@@ -116,13 +116,15 @@ def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together:
     most = np.max([means * (1.0 + _PLAIN * error) for means, error in scatter], axis=0)
     found = np.minimum(lasting, np.maximum(most, 1.0))
     lags, number = found, max(len(rows), 1)
+    # Of few samples one of several series may seem to last long by chance.
+    usual = np.median(lags, axis=0) if len(rows) else 1.0
     for means, error in scatter:
         plain = (means > 1.0 + _PLAIN * error) & (means > (1.0 + error) * found)
         found = np.where(plain, means, found)
         # Drifting sensors are in all series, which together show it sooner than each of them.
         more = np.sum(means / lags, axis=0) / number
         plain = more > 1.0 + _PLAIN * error / np.sqrt(number)
-        found = np.maximum(found, np.where(plain, more * lags, 1.0))
+        found = np.maximum(found, np.where(plain, more * usual, 1.0))
     return np.asarray(found)
 
 
