@@ -246,7 +246,9 @@ def _unexplained(
     size = _size(above) if above else _not_random(known)
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
     command = ""
-    if found.verdict is not None and _refused(found) and known and not above:
+    # Who has diagnosed it, now or in the loop that ended, knows that nothing is left to try.
+    diagnosed = found.verdict is not None or (found.ended and bool(found.refused))
+    if diagnosed and _refused(found) and known and not above:
         told = (
             f"The model fits as well as these data can tell: {_at_most(known)}. What is left may not be "
             f"random, but {_did_not_pay(found)}."

@@ -423,6 +423,12 @@ def test_after_a_loop_that_found_nothing_none_is_proposed():
     for refused in ((), ("slope",)):
         told = conclude(evidence(OFF, **raised, refused=refused, ended=True), ASKED)
         assert (told.state, told.command) == ("unexplained", "")
+    # Where the errors are those of noise, compare then says what the loop said.
+    after = {"raised": True, "refused": ("slope",), "ended": True}
+    loop = {"verdict": "effect", "family": ("slope",)}
+    told = conclude(evidence(FINE, **after), ASKED)
+    assert told.sentence == conclude(evidence(FINE, **after, **loop), ASKED).sentence
+    assert told.sentence.startswith("The model fits as well as these data can tell: ")
     # A law that was drafted after that was not tried.
     law = {"verdict": "unknown", "law": "torque follows load", "refused": ("slope",), "ended": True}
     assert conclude(evidence(OFF, raised=True, **law), ASKED).command.endswith("--draft law.toml")
