@@ -172,10 +172,11 @@ class Comparison:
         The end is infinite where it steps with time, and with nothing else.
         """
         first = next(iter(self.failures), None)
-        if first is None or first.until is not None:
-            return None if first is None or first.until is None else (first.at or 0.0, first.until)
+        if first is None:
+            return None
         steps = (first.driver, first.shape) == ("time", "step") and not first.alternatives
-        return (first.at or 0.0, math.inf) if steps else None
+        end = math.inf if first.until is None and steps else first.until
+        return None if end is None else (first.at or 0.0, end)
 
     @property
     def doubted(self) -> tuple[str, ...]:

@@ -145,7 +145,7 @@ def steadied(data: FitData, second: float) -> FitData:
         chance = 1.0 + _PLAIN * np.sqrt(2.0 / np.maximum(largest.degrees, 1.0))
         most = np.maximum(chance, _DRIFTS) * largest.variance * data.count
         still = (data.count >= EACH) & (varies <= most)
-        for follower, responds in {**given, **outputs}.items():
+        for follower, responds in {**given, **outputs}.items() if still.any() else ():
             others = [one for other, one in given.items() if other != follower]
             still &= ~_follows(responds, column, others, data.bounds)
         steady[row] = still
