@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -54,6 +55,19 @@ def test_a_wheel_that_sinks_as_it_slips(terrain_est_here, here):
     assert "# The left front wheel" in (here / "model.toml").read_text("utf-8")
     text = (Path(__file__).resolve().parent.parent / "docs" / "model.md").read_text("utf-8")
     assert not [key for key in found if f"`{key}`" not in text]
+
+
+def test_it_ends_with_the_errors_that_compare_finds(terrain_est_here):
+    """What two models leave on the same blocks is another error than either leaves on its own."""
+    ended = terrain_est_here("model", "add", "model.toml", "--until-quiet", *CUT, "--data", "sinks.csv")
+    done = terrain_est_here("compare", "sinks.csv", "--model", "model.toml", *CUT)
+    assert ended.stdout.splitlines()[-1] == done.stdout.splitlines()[-1]
+    for channel in ("torque", "drawbar pull", "sinkage"):
+        told, compared = (
+            next(line for line in out.stdout.splitlines() if line.startswith(channel))
+            for out in (ended, done)
+        )
+        assert re.split("  +", told)[-3:-1] == re.split("  +", compared)[-2:]
 
 
 def test_a_clean_log_leaves_the_file_as_it_is(terrain_est_here, here):

@@ -119,7 +119,7 @@ def tried(
     def telling(what: str) -> Callable[[str], None]:
         return lambda step: progress(f"{what}: {step}")
 
-    def both(some: Sequence[Windows], first: Comparison | None) -> tuple[Comparison, Comparison]:
+    def both(some: Sequence[Windows], first: Comparison | None) -> tuple[Comparison, Comparison, Comparison]:
         told, new = telling("before"), telling("after")
         old = cache(lambda: _OnSoils.of(some, before, told))
         first = old().compared(seed=seed, progress=told) if first is None else first
@@ -127,15 +127,15 @@ def tried(
         own = soils.compared(seed=seed, progress=new)
         if first.blocks < comparison_criteria.FEWEST_BLOCKS and own.blocks > first.blocks:
             # What is missing is remembered longer than noise: the better model tells how long that is.
-            return old().compared(like=own, seed=seed, progress=told), own
+            return old().compared(like=own, seed=seed, progress=told), own, own
         second = soils.compared(like=first, findings=False, seed=seed, progress=new)
-        return first, as_compared(second, own)
+        return first, second, own
 
-    first, second = both(wheels, first)
+    first, second, own = both(wheels, first)
     progress("one soil or several")
-    windows, told = _needed_soils(first, second, action, before, after)
+    windows, told = _needed_soils(first, second, own, action, before, after)
     if told:
-        first, second = both(windows, None)
+        first, second, own = both(windows, None)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
@@ -143,7 +143,7 @@ def tried(
     differences = between_soils(first, second)
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, wheels)
-    channels, evidence = weigh(first, second)
+    channels, evidence = weigh(first, second, own)
     open_before = _open(first)
     return Step(
         action=action,
@@ -152,6 +152,7 @@ def tried(
         after=after,
         first=first,
         second=second,
+        own=own,
         channels=channels,
         evidence=evidence,
         parameters=list(_parameters(second, after, changed)),
@@ -165,17 +166,13 @@ def tried(
     )
 
 
-def as_compared(second: Comparison, anew: Comparison) -> Comparison:
-    """Say of a model on the blocks of another what `compare` finds on its own, which may be shorter."""
-    channels = {
-        name: replace(errors, noise=anew.channels[name].noise) if name in anew.channels else errors
-        for name, errors in second.channels.items()
-    }
-    return replace(second, channels=channels, failures=anew.failures, scores=anew.scores)
-
-
 def _needed_soils(
-    first: Comparison, second: Comparison, action: Action, before: ModelFile, after: ModelFile
+    first: Comparison,
+    second: Comparison,
+    own: Comparison,
+    action: Action,
+    before: ModelFile,
+    after: ModelFile,
 ) -> tuple[Sequence[Windows], list[str]]:
     """Return the soils that the model with the effect needs, and what is said of them if they are others.
 
@@ -184,7 +181,7 @@ def _needed_soils(
     """
     if action == "remove":
         return several_soils.as_needed(first, before)
-    ratio = weigh(first, second)[1].overall
+    ratio = weigh(first, second, own)[1].overall
     new = [one for one in after.model.effects if one not in before.model.effects]
     windows, told = several_soils.as_needed(
         second, after, without=before, effects=[] if ratio.high < 1.0 else new

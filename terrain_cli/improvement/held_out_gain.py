@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 _UNKNOWN = Interval(np.nan, np.nan, np.nan)
 
 
-def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], HeldOutEvidence]:
+def weigh(
+    first: Comparison, second: Comparison, own: Comparison | None = None
+) -> tuple[list[ChannelChange], HeldOutEvidence]:
     """Tell by how much held-out errors differ: of every channel (`root_intervals`), and of all together.
 
-    Counted are the samples that both models predict, and where some are kept aside only those.
+    Counted are the samples that both models predict, and where some are kept aside only those. `own` is the
+    second model on blocks of its own, if those are others: they tell its noise beside where it fails.
 
     Channels have different units, and one may miss by far more than its noise. So what is said of all
     together is the mean of the logarithms of the ratios of their errors, each weighted by its samples: the
@@ -33,16 +36,17 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
     the noise that reaches the first: what is compared is what a model could have known. A channel that only
     one of them predicts has no difference.
     """
+    own = second if own is None else own
     names = both_predict(first, second)
     sums, lost = paired_sums(first, second, names, _judging(first))
     if _other_base(first, second):
         for column, name in enumerate(names):
-            more = first.channels[name].noise ** 2 - second.channels[name].noise ** 2
+            more = first.channels[name].noise ** 2 - own.channels[name].noise ** 2
             sums[:, column, 1] += sums[:, column, 2] * (more if np.isfinite(more) else 0.0)
     total = sums.sum(axis=0)
     overall = exponential(jackknife(_logarithm(total[None])[0], _logarithm(total - sums)))
     # Where a model misses, its misfit is in what passes for noise.
-    better = (first, second) if overall.value > 1.0 or _other_base(first, second) else (second, first)
+    better = (first, own) if overall.value > 1.0 or _other_base(first, second) else (own, first)
     channels = []
     for name in UNITS:
         levels = [one.channels[name].noise for one in better if name in one.channels]
@@ -51,7 +55,7 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
             column = names.index(name)
             before, after, change, _ = root_intervals(sums[:, column])
         elif levels:
-            before, after, change = _alone(first, name), _alone(second, name), _UNKNOWN
+            before, after, change = held_out_error(first, name), held_out_error(second, name), _UNKNOWN
         else:
             continue
         channels.append(
@@ -87,6 +91,7 @@ def _logarithm(sums: Array) -> Array:
     return np.asarray((ratios * n).sum(axis=1) / np.maximum(n.sum(axis=1), 1.0))
 
 
-def _alone(comparison: Comparison, name: str) -> Interval:
+def held_out_error(comparison: Comparison, name: str) -> Interval:
+    """Return the held-out error of a channel as `compare` has it; NaN where the model does not predict it."""
     errors = comparison.channels.get(name)
     return Interval(errors.heldout_rmse, errors.heldout_low, errors.heldout_high) if errors else _UNKNOWN

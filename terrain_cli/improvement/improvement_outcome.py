@@ -130,6 +130,7 @@ class Step:
     # first, second: of the model before and after, on the same blocks
     first: Comparison
     second: Comparison
+    own: Comparison  # Of the model after, on blocks of its own, as `compare` has it
     channels: list[ChannelChange]
     evidence: HeldOutEvidence
     parameters: list[Estimated] = field(default_factory=list)  # Of what is changed, where the model has it

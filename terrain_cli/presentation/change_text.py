@@ -10,6 +10,7 @@ from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
+from terrain_cli.improvement.held_out_gain import held_out_error
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary import quantities
@@ -197,9 +198,9 @@ def _change(step: Step) -> dict[str, Any]:
             "segments": [one._asdict() for one in step.lost],
         },
         "alarm": {
-            "silent": not step.second.failures,
+            "silent": not step.own.failures,
             "failures_before": _failures(step.first),
-            "failures_after": _failures(step.second),
+            "failures_after": _failures(step.own),
         },
         "warnings": list(dict.fromkeys([*step.first.warnings, *step.second.warnings])),
     }
@@ -207,7 +208,7 @@ def _change(step: Step) -> dict[str, Any]:
 
 def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
     """Conclude what is known of the model as it is after the decision."""
-    now = step.second if step.kept else step.first
+    now = step.own if step.kept else step.first
     refused = step.changed if step.action == "add" and not step.kept else ()
     return comparison_text.conclusion_of(conclusion.of_comparison(now, refused), now, asked)
 
@@ -264,10 +265,10 @@ def text(step: Step, asked: Asked | None = None) -> str:
         lines += [*_parameters(step.parameters), ""]
     lines += [proof(step)] * (step.action == "add")
     lines += [_moved(step), *_open(step), *_idle(step)]
-    before, after = len(step.first.failures), len(step.second.failures)
+    before, after = len(step.first.failures), len(step.own.failures)
     if before or after:
         lines.append(f"where it fails, {counted(after, 'finding')} (before: {before}){':' * (after > 0)}")
-        lines += [f"  {finding.sentence}" for finding in step.second.failures]
+        lines += [f"  {finding.sentence}" for finding in step.own.failures]
     if step.before.model.base != step.after.model.base:
         lines.append(
             "note: the two bases read different channels, so different noise reaches their predictions; "
@@ -288,11 +289,14 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
     lines += [f"kept {listed(step.changed)}; {doubt(step)}" for step in doubted]
     if kept:
         first, last = kept[0], kept[-1]
-        after = {one.name: one.after for one in last.channels}
+        after = {one.name: (one.after, one.noise) for one in last.channels}
+        if not last.evidence.aside:
+            found = end.comparison
+            after |= {name: (held_out_error(found, name), one.noise) for name, one in found.channels.items()}
         rows: list[Sequence[str]] = [("held-out rms error", "at first", "95 %", "at last", "95 %", "noise")]
         for one in first.channels:
-            noise = next(x.noise for x in last.channels if x.name == one.name)
-            rows.append(_row(one, (one.before, after[one.name]), noise))
+            error, noise = after[one.name]
+            rows.append(_row(one, (one.before, error), noise))
         lines += ["", *aligned(rows), "", proof(first, "--keep-aside SHARE")]
     return "\n".join([*lines, comparison_text.conclusion_of(end.evidence, end.comparison, asked).sentence])
 

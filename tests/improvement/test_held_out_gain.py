@@ -55,6 +55,7 @@ def step(first, second, action="add"):
         after=None,
         first=first,
         second=second,
+        own=second,
         channels=channels,
         evidence=evidence,
     )
@@ -291,6 +292,15 @@ def test_noise_is_that_of_the_better_model():
     b = {name: 0.5 * error for name, error in a.items()}
     for first, second in ((outcome(a, noise=3.0), outcome(b)), (outcome(b), outcome(a, noise=3.0))):
         assert {one.noise for one in weigh(first, second)[0]} == {1.0}
+
+
+def test_noise_of_the_model_after_is_told_on_blocks_of_its_own():
+    """On the long blocks of a model that misses, what the better one leaves passes for noise."""
+    rng = np.random.default_rng(13)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    b = {name: 0.5 * error for name, error in a.items()}
+    channels, _ = weigh(outcome(a, noise=3.0), outcome(b), outcome(b, noise=0.5))
+    assert {one.noise for one in channels} == {0.5}
 
 
 def test_another_base_is_counted_with_the_noise_of_the_first():
