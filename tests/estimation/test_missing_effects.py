@@ -11,7 +11,6 @@ from simulator import CHANNELS, DRY_SAND, Drive, Sensor, Track, Wheel, base_cont
 import terrain_cli as terrain
 from terrain_cli.effects import find
 from terrain_cli.estimation import estimators
-from terrain_cli.estimation.line.window_estimates import STATUSES
 from terrain_cli.estimation.wheel_fit import fit, missing_effects
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
@@ -74,7 +73,6 @@ def scored(monkeypatch, hidden, effects, **fixed):
         return np.zeros(len(t), dtype=bool)
 
     monkeypatch.setattr(missing_effects, "moved", moved)
-    monkeypatch.setattr("terrain_cli.estimation.wheel_fit.fitting.STRENGTH_HOLDS", STATUSES)
     table = columns(hidden)
     n = len(table["time"])
     geometry = WheelGeometry(WHEEL.radius, WHEEL.width)
@@ -131,3 +129,35 @@ def test_the_summary_says_so(windows_of):
     found = estimators.estimate(windows_of("drawbar-bias"), "auto", estimators.full_model())
     assert found.account["moved"] == 1
     assert found.estimates.status[0] == "model-misses"
+
+
+def covariance(found):
+    """Return the covariance of c and tan φ of the first window."""
+    pair = [found.names.index(name) for name in ("cohesion", "tan_phi")]
+    return found.covariance[0][np.ix_(pair, pair)], found.assumed[0][np.ix_(pair, pair)]
+
+
+def test_a_model_that_misses_a_share_of_the_torque_may_be_off_by_that_share():
+    table = {name: column for name, column in columns().items() if name != "drawbar_pull"}
+    time = table["time"]
+    table["torque"] = table["torque"] * (1.0 + 0.1 * np.sin(2.0 * np.pi * time / 31.0))
+    geometry, n = WheelGeometry(WHEEL.radius, WHEEL.width), len(time)
+    plain = fit(Model(), geometry, table, [0, n])
+    told = fit(Model(), geometry, table, [0, n], suspects=[])
+    assert told.missed[0]
+    (before, _), (after, assumed) = covariance(plain), covariance(told)
+    soil = np.array([told.values[name][0] for name in ("cohesion", "tan_phi")])
+    torque = np.nan_to_num(told.residuals["torque"])
+    share = np.sqrt(torque[1:] @ torque[:-1] / (table["torque"] @ table["torque"]))
+    assert share == pytest.approx(0.1 / np.sqrt(2.0), rel=0.3)
+    np.testing.assert_allclose(after - before, share**2 * np.outer(soil, soil), rtol=0.05)
+    # It is the same in all windows: pooled, it does not average out.
+    assert assumed[0, 0] >= 0.99 * (after - before)[0, 0]
+    assert told.strength_se[0] > share * told.strength[0]
+
+
+def test_a_model_that_fits_is_off_by_noise_alone():
+    table, geometry = columns(), WheelGeometry(WHEEL.radius, WHEEL.width)
+    one, other = (fit(Model(), geometry, table, [0, len(table["time"])], suspects=s) for s in (None, []))
+    assert not other.missed[0]
+    np.testing.assert_array_equal(one.covariance, other.covariance)

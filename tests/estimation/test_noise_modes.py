@@ -24,6 +24,7 @@ def known(t, own, common, shared, gain):
         shared=np.array(shared),
         gain=np.array([gain]),
         at_bound=np.zeros((1, len(t)), dtype=bool),
+        by_model=np.zeros((1, len(t), len(t))),
         **rest,
     )
 

@@ -46,17 +46,22 @@ def excess(residual: Array, seen: Mask, bounds: Bounds, dof: Array) -> Array:
     return np.asarray(variance.max(axis=0, initial=1.0))
 
 
-def slow_share(residuals: Array, bounds: Bounds) -> Array:
-    """Return the share of the scatter that goes on from one sample to the next, the largest of the channels'.
+def lasting_squares(residuals: Array, bounds: Bounds) -> Array:
+    """Return the part of the sums of squares that goes on from one sample to the next, shape (outputs, w).
 
-    Residuals are of shape (outputs, n), 0 where there is none; shares of shape (w,).
+    Residuals are of shape (outputs, n), 0 where there is none.
     """
     product = residuals[:, 1:] * residuals[:, :-1]
     inside = bounds[1:-1]
     product[:, inside[(inside > 0) & (inside < residuals.shape[1])] - 1] = 0.0
-    lagged = segment_sum(np.concatenate([product, np.zeros((len(residuals), 1))], axis=1), bounds)
+    return segment_sum(np.concatenate([product, np.zeros((len(residuals), 1))], axis=1), bounds)
+
+
+def slow_share(residuals: Array, bounds: Bounds) -> Array:
+    """Return the largest share of a channel's scatter that goes on from sample to sample, shape (w,)."""
     power = segment_sum(residuals**2, bounds)
-    share = np.divide(lagged, power, out=np.zeros_like(power), where=power > 0.0)
+    lasting = lasting_squares(residuals, bounds)
+    share = np.divide(lasting, power, out=np.zeros_like(power), where=power > 0.0)
     return np.asarray(share.max(axis=0, initial=0.0))
 
 

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN, STATUSES
 from terrain_cli.estimation.wheel_fit import normal_equations
-from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS, SLOW
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS, SLOW, lasting_squares
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
@@ -20,10 +23,10 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation.joint_grid import JointGrid
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
-    from terrain_cli.estimation.wheel_fit.fit_data import Noise
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
     from terrain_cli.estimation.wheel_fit.posterior import Posterior
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
-    from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.mechanics.wheel_model import Model, Prediction
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
@@ -51,9 +54,9 @@ class Parameters:
     names: tuple[str, ...]  # Parameters sought: each window's own, then the shared ones
     # Shape (w, p, p): of these, in their own units; shared ones and their influence on the others included
     covariance: Array
-    # Shape (w, p, p): the part of `covariance` that comes from priors which are off: the same in all windows
-    # of one soil
-    by_priors: Array
+    # Shape (w, p, p): the part of `covariance` that comes from priors which are off, or a model that misses:
+    # the same in all windows of one soil
+    assumed: Array
     shared_covariance: Array  # Shape (q, q)
     # sigma_star, strength, strength_se: shape (w,): stress at which the strength c + σ* tan φ is not
     # correlated with tan φ, or 0 where that is negative, that strength and its standard error, Pa. NaN where
@@ -198,6 +201,41 @@ class Fit(Parameters):
         )
 
 
+def residuals_of(
+    data: FitData, prediction: Prediction, rows: Index, n: int
+) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
+    """Return residuals, predictions and root mean squares of the measured channels, as `Fit` has them.
+
+    Also the residuals as an array of shape (outputs, samples of the fit), 0 where there is none.
+    """
+    residuals, predicted, rmse, left = {}, {}, {}, np.zeros_like(data.measured)
+    for row, output in enumerate(data.outputs):
+        name = "load" if output == BALANCE else output
+        difference = data.measured[row] - value(getattr(prediction, output))
+        difference = np.where(data.seen[row], difference, np.nan)
+        residuals[name], predicted[name] = np.full((2, n), np.nan)
+        residuals[name][rows], predicted[name][rows] = difference, value(getattr(prediction, name))
+        count = segment_sum(data.seen[row].astype(float), data.bounds)
+        left[row] = np.nan_to_num(difference)
+        power = segment_sum(left[row] ** 2, data.bounds)
+        rmse[name] = np.sqrt(np.divide(power, count, out=np.full_like(power, np.nan), where=count > 0.0))
+    return residuals, predicted, rmse, left
+
+
+def missed_share(data: FitData, channel: str, residuals: Array) -> Array:
+    """Return by which share of its size a channel is missed by more than white noise, shape (w,).
+
+    Residuals are of shape (outputs, n), 0 where there is none; without the channel the share is 0.
+    """
+    if channel not in data.outputs:
+        return np.zeros(len(data.windows))
+    row = data.outputs.index(channel)
+    lasting = lasting_squares(residuals[row : row + 1], data.bounds)[0]
+    size = segment_sum(np.where(data.seen[row], data.measured[row] ** 2, 0.0), data.bounds)
+    share = np.divide(np.maximum(lasting, 0.0), size, out=np.zeros_like(size), where=size > 0.0)
+    return np.asarray(np.sqrt(share))
+
+
 def parameters(
     soil: Sequence[str], sought: Unknowns, found: Posterior, known: Mask, spread: float
 ) -> Parameters:
@@ -216,6 +254,8 @@ def parameters(
         inside, moved = normal_equations.no_wider(inside, t)
         t[:, :-q] = moved[:, :-q]
     width = np.sqrt(np.maximum(np.einsum("waa->wa", inside), 0.0))
+    wrong = np.zeros_like(inside)
+    wrong[:, : len(sought.local), : len(sought.local)] = found.by_model
     blank = np.where(known, 1.0, np.nan)
     units = np.array([u.slope(t[:, column]) for column, u in enumerate(unknowns)])
     units = units.reshape(len(unknowns), windows)
@@ -256,7 +296,7 @@ def parameters(
         names=names,
         covariance=covariance,
         # The estimate leans towards the prior means by the share that is not known from the data.
-        by_priors=inside @ inside * scale,
+        assumed=((inside - wrong) @ (inside - wrong) + wrong) * scale,
         shared_covariance=shared_covariance,
         sigma_star=sigma_star,
         strength=values["cohesion"] + sigma_star * values["tan_phi"],
@@ -295,9 +335,9 @@ def _of_pair(names: tuple[str, ...], covariance: Array, a: str, b: str) -> tuple
 
 
 def _parted(fit: Fit) -> dict[str, Any]:
-    """Return c and tan φ with the errors from noise, and those from priors."""
+    """Return c and tan φ with the errors from noise, and those from what is assumed."""
     found: dict[str, Any] = {"data_c": fit.values["cohesion"], "data_tan_phi": fit.values["tan_phi"]}
-    for part, covariance in (("data", fit.covariance - fit.by_priors), ("assumed", fit.by_priors)):
+    for part, covariance in (("data", fit.covariance - fit.assumed), ("assumed", fit.assumed)):
         var_c, cov, var_t = _of_pair(fit.names, covariance, *_PAIR)
         c, t = (np.sqrt(np.maximum(variance, 0.0)) for variance in (var_c, var_t))
         both = c * t

@@ -16,12 +16,11 @@ import numpy as np
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import student
-from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
 from terrain_cli.estimation.wheel_fit import damped_search, missing_effects, valley
 from terrain_cli.estimation.wheel_fit.channel_series import BY_CHANCE, EACH, spikes, steadied
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
-from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
+from terrain_cli.estimation.wheel_fit.fit_data import Noise, collect
+from terrain_cli.estimation.wheel_fit.fit_result import Fit, missed_share, parameters, residuals_of
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
     TOLERANCE,
     Ways,
@@ -35,7 +34,7 @@ from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDif
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
-from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
+from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior, with_model_error
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.estimation.wheel_fit.window_search import (
     ENOUGH,
@@ -45,7 +44,6 @@ from terrain_cli.estimation.wheel_fit.window_search import (
     search,
     settled_search,
 )
-from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
@@ -130,7 +128,7 @@ def fit(
     min_samples: int = FIT_SAMPLES,
     joint: Collection[int] = (),
     begun: Noise | None = None,
-    suspects: Sequence[Effect] = (),
+    suspects: Sequence[Effect] | None = None,
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
 
@@ -151,7 +149,8 @@ def fit(
     `correlated`: they do not follow each other in time; of others there are so many in a `second`. Windows of
     fewer than `min_samples` have the status "too-few-samples"; of the windows `joint` the joint posterior of
     c and φ is laid out on a grid. `suspects` are effects that the model lacks, and which would show in these
-    channels (`Fit.moved`).
+    channels (`Fit.moved`); with them, even if there are none, errors hold what a model that misses the torque
+    may be off (`posterior.with_model_error`).
 
     InputError: a channel without which the model cannot be fitted is missing; ConfigurationError: a name that
     is no parameter of the model; UsageError: values or priors without meaning; ValueError: arrays of
@@ -203,9 +202,8 @@ def fit(
     spread = float(student(np.array([likely[0].dof]))[0]) / 1.959964 if learner else 1.0
     filled = data.count > 0
     about = parameters((*model.soil, *local), sought, found, filled, spread)
-    residuals, prediction, rmse, slow = _residuals(
-        problem, data, found.t, found.common, rows, int(np.asarray(bounds)[-1])
-    )
+    said = problem.predict(data, found.t, found.common, by=False, order=order)
+    residuals, prediction, rmse, left = residuals_of(data, said, rows, int(np.asarray(bounds)[-1]))
     result = Fit(
         model=model,
         n=data.count,
@@ -219,17 +217,21 @@ def fit(
         residuals=residuals,
         prediction=prediction,
         rmse=rmse,
-        slow=slow if correlated else np.zeros(len(data.windows)),
+        slow=slow_share(left, data.bounds) if correlated else np.zeros(len(data.windows)),
         moved=np.zeros(len(data.windows), dtype=bool),
         second=second,
         converged=fits[0][1],
         min_samples=min_samples,
-        grids=valley.grids(problem, data, found, about, joint, order),
     )
-    if not suspects or not np.isin(result.status, STRENGTH_HOLDS).any():
-        return result
-    moved = missing_effects.moved(problem, data, found.t, found.common, about, suspects)
-    return replace(result, moved=moved)
+    if suspects is not None:
+        moved = missing_effects.moved(problem, data, found.t, found.common, result, suspects)
+        result = replace(result, moved=moved)
+        wrong = np.where(result.missed | result.moved, missed_share(data, "torque", left), 0.0)
+        if wrong.any():
+            found = with_model_error(found, sought.local, wrong)
+            about = parameters((*model.soil, *local), sought, found, filled, spread)
+            result = replace(result, **{f.name: getattr(about, f.name) for f in fields(about)})
+    return replace(result, grids=valley.grids(problem, data, found, about, joint, order))
 
 
 def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, second: float) -> list[Learnt]:
@@ -379,22 +381,3 @@ def _learn(
         if settled or (_mostly_lost(state) and number == _ROUNDS_LOST):
             break
     return problem, dof / learner.lasting, state
-
-
-def _residuals(
-    problem: Problem, data: FitData, t: Array, common: Array, rows: Index, n: int
-) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
-    """Return residuals, predictions, root mean squares and slow shares at the measured channels."""
-    prediction = problem.predict(data, t, common, by=False, order=enough_nodes(problem.noise, data))
-    residuals, predicted, rmse, left = {}, {}, {}, np.zeros_like(data.measured)
-    for row, output in enumerate(data.outputs):
-        name = "load" if output == BALANCE else output
-        difference = data.measured[row] - value(getattr(prediction, output))
-        difference = np.where(data.seen[row], difference, np.nan)
-        residuals[name], predicted[name] = np.full((2, n), np.nan)
-        residuals[name][rows], predicted[name][rows] = difference, value(getattr(prediction, name))
-        count = segment_sum(data.seen[row].astype(float), data.bounds)
-        left[row] = np.nan_to_num(difference)
-        power = segment_sum(left[row] ** 2, data.bounds)
-        rmse[name] = np.sqrt(np.divide(power, count, out=np.full_like(power, np.nan), where=count > 0.0))
-    return residuals, predicted, rmse, slow_share(left, data.bounds)

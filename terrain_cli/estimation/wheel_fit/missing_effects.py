@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
 from terrain_cli.estimation.wheel_fit.excess_scatter import memory
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate
 from terrain_cli.estimation.wheel_fit.unknowns import unknown
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.fit_result import Parameters
+    from terrain_cli.estimation.wheel_fit.fit_result import Fit, Parameters
     from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown
     from terrain_cli.mechanics.effect import Effect
@@ -38,12 +39,14 @@ _STEPS = 3
 
 
 def moved(
-    problem: Problem, data: FitData, t: Array, common: Array, found: Parameters, effects: Sequence[Effect]
+    problem: Problem, data: FitData, t: Array, common: Array, found: Fit, effects: Sequence[Effect]
 ) -> Mask:
     """Tell in which windows an effect shows that would move c, φ or strength by more than its error.
 
     Fitted were `t`, shape (w, p), and `common`, shape (q,), which `found` has in their own units. Shape (w,).
     """
+    if not effects or not np.isin(found.status, STRENGTH_HOLDS).any():
+        return np.zeros(len(t), dtype=bool)
     few = data.thinned(max(_SAMPLES // max(len(t), 1), _EACH))
     score, moves = scores(problem, few, t, common, effects)
     ways = _in_errors(found, problem.unknowns.local)

@@ -36,14 +36,20 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     truncate,
 )
 from terrain_cli.estimation.wheel_fit.linearised import Equations, equations, solve_lower
-from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse, posterior_covariance
+from terrain_cli.estimation.wheel_fit.normal_equations import (
+    covariance,
+    inverse,
+    no_wider,
+    posterior_covariance,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.estimation.wheel_fit.linearised import Problem
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
@@ -85,6 +91,7 @@ class Posterior:
     excess: Array  # Shape (w,): as in `FitData`
     # Shape (w, p): which of a window's own unknowns the data would take beyond their bounds
     at_bound: Mask
+    by_model: Array  # Shape (w, p, p): the part of `own` that is the model's error, alike in all windows
 
 
 def posterior(
@@ -160,7 +167,24 @@ def posterior(
         inflation=data.excess * scatter[:, 0, 0] * lasting.max(axis=0, initial=1.0),
         excess=data.excess.copy(),
         at_bound=beyond >= 0.0,
+        by_model=np.zeros_like(cut_off),
     )
+
+
+def with_model_error(found: Posterior, local: Sequence[Unknown], share: Array) -> Posterior:
+    """Add that a model which misses a share of the torque, shape (w,), may be off by as much in strength.
+
+    However many samples there are, they do not tell the part of a misfit that c and tan φ take up: it is as
+    likely to be as large as what they leave (model discrepancy; Kennedy & O'Hagan 2001, Journal of the Royal
+    Statistical Society B 63, 425). A torque that is off by a factor is taken up by both, by that factor.
+    """
+    way = np.zeros_like(found.t)
+    for place, one in enumerate(local):
+        if one.name in {"cohesion", "tan_phi"}:
+            way[:, place] = share * one.value(found.t[:, place]) / one.slope(found.t[:, place])
+    added = way[:, :, None] * way[:, None, :]
+    own, t = no_wider(found.own + added, found.t)
+    return replace(found, own=own, t=t, by_model=added)
 
 
 def _surely(lasting: Array, number: Array) -> Array:
