@@ -5,9 +5,10 @@
 3. `merging`: candidates that chance, a load that moves along one line or the model's own misfit
    explain are dropped, and the rest are moved to the very sample.
 4. `needed`: cuts that something recorded explains go too. A model without an effect that follows the drive
-   needs a new soil at every turn. So y is given terms γ1 d + γ2 d² + γ3 d x of a driver d, first those of
-   each window, then such as all share, and windows are joined as long as a bound between them gains less than
-   the penalty. The terms of a driver cost as much as one change does.
+   needs a new soil at every turn. So y is given terms γ1 d + γ2 d² + γ3 d x of a driver d (of the wheel's
+   angle: its sine and cosine, by themselves and times x), first those of each window, then such as all share,
+   and windows are joined as long as a bound between them gains less than the penalty. The terms of a driver
+   cost as much as one change does.
 5. `sinkage_changes`: where strength goes on, but the wheel sinks deeper, or less, the line shows nothing.
 
 The constants were chosen by benchmarks/segmentation_study.py; its table is in benchmarks/results.
@@ -120,13 +121,16 @@ def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> 
 
 
 def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: Index) -> Bounds:
-    """Return the bounds that are needed whatever y follows of known drivers; the `fixed` ones stay."""
+    """Return the bounds that are needed whatever y follows of known drivers; the `fixed` ones stay.
+
+    A driver is of shape (n,), or (2, n): the sine and the cosine of an angle.
+    """
     if not len(np.setdiff1d(bounds[1:-1], fixed)):
         return bounds
     line, level = _standard(x), _standard(y)
     if line is None or level is None:
         return bounds
-    each = [[d, d**2, d * line] for d in map(_standard, drivers) if d is not None]
+    each = [terms for d in drivers if (terms := _terms(d, line))]
     # What a driver does may be another thing on each soil.
     left = Lines([line], (), level, bounds).left()
     own = [_saved(Lines([line, *terms], (), level, bounds), left, fixed, _OWN_PENALTY) for terms in each]
@@ -152,6 +156,14 @@ def _saved(lines: Lines, plain: float, fixed: Index, penalty: float) -> tuple[fl
     """
     joined, lost = _joined(lines, plain, fixed, penalty)
     return PENALTY * (len(lines.bounds) - 3) - penalty * (len(joined) - 2) - lost, joined
+
+
+def _terms(driver: Array, line: Array) -> list[Array]:
+    """Return what y may follow of a driver; nothing where it is not known, or always the same."""
+    if driver.ndim > 1:
+        return [*driver, *driver * line]
+    standard = _standard(driver)
+    return [] if standard is None else [standard, standard**2, standard * line]
 
 
 def _standard(values: Array) -> Array | None:

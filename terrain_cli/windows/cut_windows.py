@@ -10,6 +10,7 @@ import numpy as np
 
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
+from terrain_cli.mechanics.rates import wheel_angle
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.vocabulary.quantities import the_wheel
@@ -199,6 +200,7 @@ def cut(
         }
         # What the line of a soil may seem to follow where the model lacks an effect.
         followed = [samples.channels[name][index][lined_up] for name in FOLLOWED if name in samples.channels]
+        followed += [turn[:, lined_up] for turn in _turns(samples, index, stretch)]
         load, sinkage, slip = (
             samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip")
         )
@@ -211,6 +213,15 @@ def cut(
     else:
         bounds = whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
+
+
+def _turns(samples: Samples, rows: Index | slice, stretch: Index) -> Iterator[Array]:
+    """Yield the sine and the cosine of the angle that the wheel has turned, shape (2, n), if it turns."""
+    omega = samples.channels.get("angular_velocity")
+    if omega is not None and samples.time is not None:
+        angle = wheel_angle(samples.time[rows], stretch, omega[rows])
+        if angle.any():
+            yield np.stack([np.sin(angle), np.cos(angle)])
 
 
 def label_windows(codes: ArrayLike, *, breaks: Breaks = ()) -> Bounds:

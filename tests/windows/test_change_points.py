@@ -273,3 +273,21 @@ def test_each_bound_that_stays_pays_in_a_dense_solution():
     for place in range(1, len(left) - 1):
         gain = sum_of_squares(np.delete(left, place)) - sum_of_squares(left)
         assert gain / variance > 0.9 * PENALTY
+
+
+@pytest.mark.parametrize("turns", [0.25, 1.5, 3.0, 12.0])
+@pytest.mark.parametrize("soils", [1, 2])
+def test_one_soil_whose_line_follows_the_turn_of_the_wheel_is_one(turns, soils):
+    """Two soils stay two however often the wheel turns meanwhile."""
+    x, y, _ = driven(4, soils=soils)
+    angle = 2.0 * np.pi * turns * np.arange(N) / N + 1.0
+    turn = np.stack([np.sin(angle), np.cos(angle)])
+    found = change_points(x, y + 1500.0 * turn[0])
+    left = needed(x, y + 1500.0 * turn[0], [turn], found, NONE)
+    true = np.arange(500, N, 500) if soils == 2 else np.array([])
+    known = [place for place in true if np.abs(found - place).min() <= 40]
+    assert len(known) >= 0.8 * len(true)
+    assert all(np.abs(left - place).min() <= 40 for place in known)
+    if soils == 1:
+        assert left.tolist() == [0, N]
+        assert turns < 3.0 or len(found) > 8

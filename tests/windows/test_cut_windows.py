@@ -46,6 +46,29 @@ def cuts(wheel, method="auto", **options):
     return wheel.time[windows.rows[windows.bounds[1:-1]]] + wheel.origin
 
 
+@pytest.mark.parametrize("soils", [1, 2])
+def test_what_follows_the_turn_of_the_wheel_is_no_change_of_soil(soils):
+    """An eccentric wheel: a tenth of its torque comes and goes once in each of its 6 turns."""
+    order = [(DRY_SAND, UPLAND_SANDY_LOAM)[k % soils] for k in range(4)]
+    load, slip = undulation(80.0, 0.2, 7.0, seed=3), undulation(0.3, 0.3, 9.0, seed=4)
+    drive = one_wheel([(soil, 40.0) for soil in order], load=load, slip=slip, noise=0.02, rate=10.0, seed=1)
+    (log,) = simulate(drive).wheels.values()
+    table = pd.DataFrame(log.aligned())
+    angle = np.cumsum(np.gradient(table["time"]) * table["angular_velocity"])
+    angle *= 12.0 * np.pi / angle.iloc[-1]
+    table["torque"] *= 1.0 + 0.1 * np.sin(angle + 0.7)
+    table["angular_velocity"] = np.gradient(angle, table["time"])
+    table["velocity"] = table["angular_velocity"] * ROVER.default.radius * (1.0 - table["slip"])
+    before, after = (
+        cuts(terrain.from_frame(table.drop(columns=["x", *dropped]), ROVER)[0])
+        for dropped in (["angular_velocity"], [])
+    )
+    assert len(before) > 3 + 3 * (soils - 1)
+    truth = np.array(log.boundaries)[: 3 * (soils - 1)]
+    assert len(after) == len(truth)
+    assert (np.abs(after[:, None] - truth) < 3.0).any(axis=1).all()
+
+
 SOILS = (DRY_SAND, UPLAND_SANDY_LOAM, WET_CLAYEY_SOIL)
 
 
