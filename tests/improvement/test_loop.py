@@ -164,7 +164,10 @@ def test_one_name_has_no_rivals(right):
     told = change_text.loop_text([kept], end)
     assert "do not tell" not in told
     # Another drive is for effects that are named.
-    assert "proof: the stretches that may have named it; for others give --keep-aside SHARE\n" in told
+    assert (
+        "proof: on stretches that may have helped to name it; for a stricter one give --keep-aside SHARE\n"
+        in told
+    )
     assert model_history.entry(kept, "")["rivals"] is None
 
 
