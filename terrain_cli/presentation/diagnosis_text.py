@@ -23,8 +23,8 @@ FORMAT = "terrain-est/diagnosis/1"
 _ALARM = ("raised", "p_value", "level", "gain", "gain_se", "cause", "channel", "share", "smallest_share")
 _UNKNOWN = ("channel", "driver", "form", "explained", "sentence", "alternatives")
 _LEGEND = (
-    "* these data cannot tell it from the best; explains: share of the misfit, by the loss that ranks them; "
-    "survives: share of its trace in the errors that no soil imitates"
+    "marked *: these data cannot tell it from the best; explains: share of the misfit, by the loss that "
+    "ranks them; survives: share of its trace in the errors that no soil imitates"
 )
 #: Candidates that a person reads.
 _SHOWN = 8
