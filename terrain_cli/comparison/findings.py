@@ -16,7 +16,7 @@ from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
 from terrain_cli.comparison.shapes import Shape
-from terrain_cli.comparison.smoothed_channels import is_quiet
+from terrain_cli.comparison.smoothed_channels import inputs_known
 from terrain_cli.vocabulary.quantities import listed, quantity
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class Residuals:
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
         channels, drivers = wheel.smoothed(wheel.gaps, rows)
-        known = is_quiet(channels)
+        known = inputs_known(channels)
         local, own = len(wheel.soil), len(wheel.common)
         slopes = {}
         for name, table in wheel.slopes(channels, rows).items():

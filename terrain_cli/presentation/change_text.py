@@ -230,7 +230,7 @@ def loop(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> dic
     return {
         "format": LOOP_FORMAT,
         "sentence": end.because,
-        "silent": end.quiet,
+        "silent": end.silent,
         "model": {"base": end.file.model.base, "effects": [effect.id for effect in end.file.model.effects]},
         "steps": [_change(step) for step in steps],
         "conclusion": comparison_text.conclusion_document(
