@@ -152,8 +152,8 @@ def _errors(comparison: Comparison) -> Table:
         normalised = quantities.number(errors.nrmse)
         rows.append((what.label, ratio, interval, noise, rms, bias, normalised, f"{errors.n:,}"))
     head = (
-        *("Channel", "held out / noise", "held out (95 %)", "noise"),
-        *("rms error", "bias", "normalised", "Samples"),
+        *("Channel", "Held out / noise", "Held out (95 %)", "Noise"),
+        *("Rms error", "Bias", "Normalised", "Samples"),
     )
     return Table("Errors of the prediction", head, rows, frozenset(range(1, len(head))), _NOTE)
 
@@ -229,8 +229,16 @@ def _segments(content: _Content) -> Table:
     strength, _ = shown_segments.mapped_strength(table)
     shown = shown_samples.channels(content.comparison)
     head = (
-        *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
-        *(f"misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
+        *(
+            "Segment",
+            "Terrain",
+            "Samples",
+            "c (kPa)",
+            "φ (°)",
+            strength.replace("strength", "Strength"),
+            "k (mm)",
+        ),
+        *(f"Misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
         "Status",
     )
     left_out = len(names) - len(kept)
