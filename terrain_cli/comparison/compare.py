@@ -48,7 +48,7 @@ def on_few_soils(
 ) -> tuple[list[FittedWheel], list[str]]:
     """Fit a model to each wheel on its own as `fit_wheels` does, on as few soils as predict as well."""
     fitted, warnings = fit_wheels(wheels, model, settings, further=further, progress=progress)
-    fitted, joined = held_out.as_few_as_predict(fitted, progress)
+    fitted, joined = held_out.join_segments(fitted, progress)
     return fitted, [*warnings, *joined]
 
 

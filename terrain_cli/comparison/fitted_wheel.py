@@ -306,7 +306,7 @@ class FittedWheel:
 
     @cached_property
     def predicted(self) -> dict[str, Array]:
-        """The same as predicted."""
+        """The same channels, as the fitted model predicts them."""
         return prediction.values(self.model, self.geometry, self.read, self.of_samples)
 
     @cached_property

@@ -123,7 +123,7 @@ def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
     lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
     measured = {name for wheel in wheels for name in wheel.measured}
     if lacking:
-        return f"it needs {' and '.join(sorted(lacking))}, which the data do not have"
+        return f"it needs {' and '.join(sorted(lacking))}, which neither the data nor rover.toml give"
     only = UNITS.keys() & effect.laws.keys()
     if only and len(only) == len(effect.laws) and not only & measured:
         return f"it shows in {' and '.join(sorted(only))} alone, which is not measured".replace("_", " ")

@@ -38,7 +38,7 @@ class Findings:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What is said of it."""
+    """The verdict, and what is told beside it."""
 
     verdict: Verdict
     family: tuple[str, ...]  # The best first; `effect` alone where one name is given

@@ -43,7 +43,7 @@ _NOTHING = "of a table a header and rows are needed, of a bag messages"
 
 
 class Teller(Protocol):
-    """Who is told what happens."""
+    """Writes or shows what a followed drive gives."""
 
     def closed(self, row: Table) -> None: ...  # Of a segment that has closed
     def open(self, rows: list[Table]) -> None: ...  # Of the segments that are open

@@ -226,18 +226,10 @@ def _segments(content: _Content) -> Table:
         )
         for row in kept
     ]
-    strength, _ = shown_segments.mapped_strength(table)
+    strength = shown_segments.mapped_strength(table)[0].replace("strength", "Strength")
     shown = shown_samples.channels(content.comparison)
     head = (
-        *(
-            "Segment",
-            "Terrain",
-            "Samples",
-            "c (kPa)",
-            "φ (°)",
-            strength.replace("strength", "Strength"),
-            "k (mm)",
-        ),
+        *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
         *(f"Misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
         "Status",
     )
