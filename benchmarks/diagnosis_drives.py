@@ -336,7 +336,7 @@ def _pairs(job):
                 steps.append(f"{'' if step.kept else 'not '}{step.action} {', '.join(step.changed)}")
     return {
         "effects": [effect.id for effect in end.file.model.effects],
-        "quiet": bool(end.quiet),
+        "quiet": bool(end.silent),
         "steps": steps,
         "because": end.because,
     }

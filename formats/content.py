@@ -165,7 +165,7 @@ class TextStream(io.RawIOBase):
                 raise DamagedError(self.path, what, hint=HINT) from error
             if self.packing:
                 what = f"its {self.packing} data are corrupt ({error})"
-                hint = "copy it again: from where on they are wrong, nothing tells"
+                hint = "copy it again: nothing tells from which place on they are wrong"
                 raise DamagedError(self.path, what, hint=hint) from error
             raise failure(self.path, error) from error
         self._unpacked += len(data)

@@ -29,7 +29,7 @@ VERBS = {
     "compare": "Compare a model with measurements, and see where it fails.",
     "diagnose": "Name the physical effect that a model lacks.",
     "report": "Write one page on soil, model and misfit.",
-    "simulate": "Make telemetry of which the truth is known.",
+    "simulate": "Simulate telemetry with a known truth.",
     "completion": "Print the completion script of a shell.",
 }
 

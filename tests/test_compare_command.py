@@ -250,7 +250,7 @@ def test_a_pull_of_the_other_sign_is_named_and_its_line_mends_it(folder, tmp_pat
     line = before.partition("way round, ")[2].partition(" under [channels]")[0]
     (tmp_path / "rover.toml").write_text(f"{ROVER}[channels]\n{line}\n")
     after = terrain_est_here("compare", "run.csv", "-q", cwd=tmp_path).stdout
-    assert "The model fits to the noise" in after
+    assert "The model fits to within the noise" in after
 
 
 def test_a_log_without_load_is_refused_as_what_was_asked_for(terrain_est_here, tmp_path):

@@ -232,7 +232,7 @@ def test_steady_test_points_are_no_messages(folder, terrain_est_here):
         "estimate", "bench.csv", "--method", "least-squares", "--places", "places.csv", "--crs", MARS
     )
     assert done.returncode == 65
-    assert "bench.csv: places.csv says no place of it" in done.stderr
+    assert "bench.csv: places.csv gives no place for it" in done.stderr
 
 
 def test_system_and_ending_are_checked_before_the_work():

@@ -82,7 +82,7 @@ def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here,
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    assert "It takes 2 soils" in said("compare", "passes.csv", *halves, "-q").splitlines()[-1]
+    assert "It needs 2 soils" in said("compare", "passes.csv", *halves, "-q").splitlines()[-1]
     last = said("diagnose", "passes.csv", *halves, "-q").splitlines()[-1]
     assert "with 1 soil in place of 2, the held-out error is " in last
     assert "multi-pass explains it. Next: " in last

@@ -52,7 +52,7 @@ class Configuration:
 
     @cached_property
     def hash(self) -> str:
-        """Stands for `document`."""
+        """Hash of `document`."""
         return _hash(self.document)
 
     @cached_property

@@ -181,7 +181,7 @@ def add(context: click.Context, /, **_: Any) -> None:
     or of a draft, or an assumption of the base that is lifted. With --data the model is fitted without
     and with it, c, φ and all, and both are compared on stretches of the data that were not fitted.
     Several are added together. FILE gets the effect and an entry of its history, which says what
-    proved the effect: the stretches that may have named it, stretches that were kept aside
+    judged the effect: stretches that may have helped to name it, stretches that were kept aside
     (--keep-aside), or another drive (--confirm).
 
     FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no

@@ -217,7 +217,7 @@ class _Write(NamedTuple):
 
     @property
     def identities(self) -> set[Hashable]:
-        """What is replaced."""
+        """The files that are replaced, each as the file system tells it from others."""
         names = ["/dev/fd/1"] if self.standard else self.kind.replaced(self.path)
         return {identity(name) for name in names} - {None}
 

@@ -20,7 +20,7 @@ from terrain_cli.comparison.comparison_outcome import (
 )
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.comparison.smoothed_channels import QUIETED
+from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.vocabulary.quantities import counted, the_wheel
 from terrain_cli.windows.cut_windows import thinned
 
@@ -48,7 +48,7 @@ def on_few_soils(
 ) -> tuple[list[FittedWheel], list[str]]:
     """Fit a model to each wheel on its own as `fit_wheels` does, on as few soils as predict as well."""
     fitted, warnings = fit_wheels(wheels, model, settings, further=further, progress=progress)
-    fitted, joined = held_out.as_few_as_predict(fitted, progress)
+    fitted, joined = held_out.join_segments(fitted, progress)
     return fitted, [*warnings, *joined]
 
 
@@ -121,10 +121,7 @@ def of_fitted(
             made = [label[block] for block in made]
         failures = residuals.findings(levels, seed)
         if failures and all(wheel.ordered for wheel in fitted):
-            for known, beside in zip(
-                noise, residuals.noise_beside({one.channel for one in failures}), strict=True
-            ):
-                known.update({n: float(np.fmin(known[n], one.deviation)) for n, one in beside.items()})
+            noise = _without_findings(residuals, failures, noise)
             levels = {name: pooled_noise(fitted, name, noise) for name in channels}
         failures += _between_segments(fitted, failures, levels, seed)
     ordered = any(wheel.ordered for wheel in fitted)
@@ -151,6 +148,17 @@ def of_fitted(
         failures=failures,
         warnings=warnings,
     )
+
+
+def _without_findings(
+    residuals: Residuals, failures: Sequence[Finding], noise: Sequence[Mapping[str, float]]
+) -> list[dict[str, float]]:
+    """Return each wheel's noise by channel, less what findings explain of it."""
+    found = residuals.noise_beside({one.channel for one in failures})
+    return [
+        {**known, **{name: float(np.fmin(known[name], one.deviation)) for name, one in beside.items()}}
+        for known, beside in zip(noise, found, strict=True)
+    ]
 
 
 def _between_segments(
@@ -277,7 +285,7 @@ def _compared(
         name: Series(column, wheel.predicted[name], out[name]) for name, column in wheel.measured.items()
     }
     errors = {name: _errors(name, [(one, block)], noise[name]) for name, one in series.items()}
-    samples, segment, quiet = wheel.windows.samples, wheel.segment, wheel.quiet(wheel.gaps)
+    samples, segment, inner = wheel.windows.samples, wheel.segment, wheel.interpolated(wheel.gaps)
     bounds = np.searchsorted(segment, np.arange(int(segment.max(initial=-1)) + 2))
     return WheelComparison(
         source=samples.source,
@@ -291,7 +299,7 @@ def _compared(
         errors=errors,
         # Their own noise is in the predictions too: residuals would follow it.
         drivers={
-            name: replace(driver, values=quiet[name]) if name in QUIETED else driver
+            name: replace(driver, values=inner[name]) if name in INTERPOLATED else driver
             for name, driver in wheel.drivers.items()
         },
         blocks=block,

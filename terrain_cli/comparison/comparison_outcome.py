@@ -129,7 +129,7 @@ class Difference:
 
     @property
     def difference(self) -> float:
-        """Second less first."""
+        """Value of the second model less that of the first."""
         return self.second - self.first
 
     @property

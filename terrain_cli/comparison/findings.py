@@ -16,7 +16,7 @@ from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
 from terrain_cli.comparison.shapes import Shape
-from terrain_cli.comparison.smoothed_channels import is_quiet
+from terrain_cli.comparison.smoothed_channels import inputs_known
 from terrain_cli.vocabulary.quantities import listed, quantity
 
 if TYPE_CHECKING:
@@ -33,12 +33,6 @@ if TYPE_CHECKING:
 MOST_SAMPLES = 60_000
 #: Segments named in a finding.
 _WORST = 3
-_NAMES = {
-    "velocity": "speed",
-    "angular_velocity": "wheel speed",
-    "pass_number": "pass",
-    "wheel_angle": "angle of the wheel",
-}
 
 
 def _precision(wheel: FittedWheel) -> Array:
@@ -85,7 +79,7 @@ class Residuals:
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
         channels, drivers = wheel.smoothed(wheel.gaps, rows)
-        known = is_quiet(channels)
+        known = inputs_known(channels)
         local, own = len(wheel.soil), len(wheel.common)
         slopes = {}
         for name, table in wheel.slopes(channels, rows).items():
@@ -330,7 +324,7 @@ def sentence_of(
     size = f"{_number(abs(amplitude) * what.factor)} {what.unit}"
     verb, more = ("under-predicted", "larger") if amplitude > 0.0 else ("over-predicted", "smaller")
     text = f"a {name} {size} {more} than predicted" if hidden else f"{name} is {verb} by {size}"
-    driver = named(shape.driver)
+    driver = quantity(shape.driver, unit).words
     low, high, at = (_at(value, shape.driver, unit) for value in (shape.low, shape.high, shape.at or 0.0))
     where = _where(shape, driver, label, (low, high, at, _at(shape.until, shape.driver, unit)))
     if shape.name == "periodic":
@@ -349,12 +343,13 @@ def sentence_of(
     if hidden:
         text += " would fit better; the fitted soil hides most of it"
     if alternatives:
-        text += f" (or with {listed([named(other) for other in alternatives], 'or')}, which varied alike)"
+        others = [quantity(other, "").words for other in alternatives]
+        text += f" (or with {listed(others, 'or')}, which varied alike)"
     return text
 
 
 def _where(shape: Shape, driver: str, label: str, numbers: tuple[str, str, str, str]) -> str:
-    """Say where a residual differs; nothing of a shape that it follows."""
+    """Say where a residual differs; nothing for shapes whose course `sentence_of` tells."""
     low, high, at, until = numbers
     told = {
         "constant": " throughout",
@@ -372,17 +367,10 @@ def missed(channel: str, error: float) -> str:
     return f"the held-out error of {what.words} is {_number(error * what.factor)} {what.unit}"
 
 
-def named(driver: str) -> str:
-    """Return what a driver is called."""
-    return _NAMES.get(driver, driver.replace("_", " "))
-
-
 def _at(value: float, driver: str, unit: str) -> str:
     what = quantity(driver, unit)
-    # The speed of a wheel is not told in degrees.
-    shown, factor = (unit, 1.0) if driver == "angular_velocity" else (what.unit, what.factor)
-    gap = "" if shown in ("", "°", "°/s") else " "
-    return f"{_number(value * factor)}{gap}{shown}"
+    gap = "" if what.unit in ("", "°", "°/s") else " "
+    return f"{_number(value * what.factor)}{gap}{what.unit}"
 
 
 def _number(value: float) -> str:

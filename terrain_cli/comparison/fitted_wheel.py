@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 #: Channels that a model without effects reads, explains or is compared with.
-_READ = (*smoothed_channels.QUIETED, "torque", "drawbar_pull")
+_READ = (*smoothed_channels.INTERPOLATED, "torque", "drawbar_pull")
 #: Samples that tell over which gap channels are interpolated best (judged).
 _TELL = 1_000
 #: Most samples to which one soil is fitted.
@@ -175,9 +175,9 @@ class FittedWheel:
         It is whitened by `white`, which is made of what is left; if not given, by what changes from sample
         to sample in the channels.
         """
-        quiet = self.quiet(smoothed_channels.GAPS)
+        read = self.interpolated(smoothed_channels.GAPS)
         known, use = smoothed_channels.without_noise(
-            self.record, quiet, load_tells_sinkage=self.model.base == "wong-reece"
+            self.record, read, load_tells_sinkage=self.model.base == "wong-reece"
         )
         blocks = max(len(self) // criteria.MISFIT_SAMPLES, 1) if self.ordered else len(self)
         return smoothed_model.SmoothedData(
@@ -306,7 +306,7 @@ class FittedWheel:
 
     @cached_property
     def predicted(self) -> dict[str, Array]:
-        """The same as predicted."""
+        """The same channels, as the fitted model predicts them."""
         return prediction.values(self.model, self.geometry, self.read, self.of_samples)
 
     @cached_property
@@ -350,7 +350,7 @@ class FittedWheel:
         """What the residuals may follow."""
         return drivers.of_wheel(self.windows)
 
-    def quiet(self, gaps: Mapping[str, int]) -> dict[str, Array]:
+    def interpolated(self, gaps: Mapping[str, int]) -> dict[str, Array]:
         """Return channels of the usable samples, shape (n,), as effects may read them, without their noise.
 
         Load, sinkage, slip and speeds come from their neighbours, of which `gaps` on either side are left
@@ -392,9 +392,9 @@ class FittedWheel:
         neighbours and in the residual alike. Steady test points have no neighbours: their load and slip are
         set, and count as exact.
         """
-        channels = {name: column[rows] for name, column in self.quiet(gaps).items()}
+        channels = {name: column[rows] for name, column in self.interpolated(gaps).items()}
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
         found = {name: driver.values[rows] for name, driver in self.drivers.items()}
-        return channels, found | {name: channels[name] for name in smoothed_channels.QUIETED if name in found}
+        return channels, {n: channels[n] if n in smoothed_channels.INTERPOLATED else found[n] for n in found}

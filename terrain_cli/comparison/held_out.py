@@ -163,7 +163,7 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     )
 
 
-def as_few_as_predict(
+def join_segments(
     wheels: Sequence[FittedWheel], progress: Callable[[str], None] = lambda _: None
 ) -> tuple[list[FittedWheel], list[str]]:
     """Join the segments of wheels of which one soil for each terrain predicts no worse.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: Channels whose noise reaches the predictions, in the order in which the fit takes them.
 NOISY = ("load", "sinkage", "slip")
 #: What is interpolated: the speeds have the noise of the slip that is computed from them.
-QUIETED = (*NOISY, "velocity", "angular_velocity")
+INTERPOLATED = (*NOISY, "velocity", "angular_velocity")
 #: Ways in which a channel is interpolated for a fit: samples left out beside each, and samples averaged.
 _WAYS = ((2, 3), (1, 2), (0, 1))
 #: Share by which a channel grows with the load, over the load's own: sinkage by 1 / (n + ½) of an ordinary
@@ -30,7 +30,7 @@ _ANSWERS = {"sinkage": 0.75, "torque": 1.0}
 #: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
 _MOST_SHARE = 1.5
 #: Samples left out on either side where channels are first interpolated from their neighbours.
-GAPS = dict.fromkeys(QUIETED, _WAYS[0][0])
+GAPS = dict.fromkeys(INTERPOLATED, _WAYS[0][0])
 #: Channels that change pull and torque in proportion, beside slip.
 _CAUSES = ("load", "sinkage", "pitch", "acceleration")
 #: Places between which pull and torque are straight in slip, at most; and samples for each.
@@ -61,7 +61,7 @@ class RecordedWheel:
         return np.stack(columns, axis=1) if columns else np.zeros((len(self.window), 1))
 
 
-def is_quiet(channels: Mapping[str, Array]) -> NDArray[np.bool_]:
+def inputs_known(channels: Mapping[str, Array]) -> NDArray[np.bool_]:
     """Tell which samples have all of load, sinkage and slip, as far as the channels do."""
     there = [np.isfinite(channels[name]) for name in NOISY if name in channels]
     return np.asarray(np.logical_and.reduce(there))
@@ -182,8 +182,10 @@ def best_gaps(most: int, misfit: Callable[[Mapping[str, int]], Array]) -> dict[s
     That is another one for a load that hardly varies than for a slip that changes fast.
     """
     halved = [most >> times for times in range(most.bit_length() + 1)]
-    chosen = dict.fromkeys(QUIETED, 0)
-    for names in (QUIETED, ("load",), tuple(name for name in QUIETED if name != "load")) if most else ():
+    chosen = dict.fromkeys(INTERPOLATED, 0)
+    for names in (
+        (INTERPOLATED, ("load",), tuple(name for name in INTERPOLATED if name != "load")) if most else ()
+    ):
         each = {gap: misfit({**chosen, **dict.fromkeys(names, gap)}) for gap in halved}
         least = min(each.values(), key=lambda parts: float(parts.sum()))
         good = criteria.AS_GOOD

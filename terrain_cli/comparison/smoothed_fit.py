@@ -2,7 +2,7 @@
 
 The fit of `estimation.wheel_fit` takes load, sinkage and slip for noisy and is the best there is where the
 model is right. Where something is missing it puts the blame on them: soils come out that no prior would
-allow. Here they count as exact (`quiet`), and what the model cannot explain counts as noise that lasts for
+allow. Here they count as exact, and what the model cannot explain counts as noise that lasts for
 a block.
 """
 

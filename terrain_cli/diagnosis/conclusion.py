@@ -1,4 +1,4 @@
-"""What every verb says at its end: whether the model fits to the noise, and what to do if it does not."""
+"""What every verb says at its end: whether the model fits to within the noise, and else what to do."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Evidence:
     ratios: Mapping[str, float]
     blocks: int  # Independent stretches of data
     raised: bool  # What is left is not random: by findings, by the scores of effects, or by a diagnosis
-    tracked: bool = False  # By findings: it follows what was recorded
+    tracked: bool = False  # By findings: it varies with what was recorded
     # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
     stretch: tuple[float, float] | None = None
     doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
@@ -192,10 +192,10 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         return _undecided(found, above, asked, few=few)
     if above or found.raised:
         return _unexplained(found, above, known, asked)
-    told = f"The model fits to the noise: {_at_most(known)}, and no effect stands out.{_unseen(found)}"
+    told = f"The model fits to within the noise: {_at_most(known)}, and no effect stands out.{_unseen(found)}"
     command = asked.looked("diagnose") if found.several and not found.ended else ""
     if command:
-        told += f" It takes {found.several} soils: whether an effect can stand for them, a diagnosis tells."
+        told += f" It needs {found.several} soils; a diagnosis tells whether one effect can take their place."
     return Conclusion("fits", f"{told} Next: {command}" if command else told, command)
 
 
@@ -279,7 +279,7 @@ def _unexplained(
         there = "it is there" if len(found.refused) == 1 else "one of them is there"
         then = f"To see if {there} all the same, take this drive, and diagnose both logs together: {drive}."
     # That something is missing is not known: a soil that varies leaves as much.
-    what = "does not fit to the noise" if above else "may miss something"
+    what = "does not fit to within the noise" if above else "may miss something"
     told = f"The model {what}: {size}; {why}. {then}"
     return Conclusion("unexplained", told, command, found.unrecorded, drive)
 
@@ -350,7 +350,7 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         cause = f"{found.family[0]} explains {part}, but this is not certain"
         return cause, asked.added(found.family)
     checked = "a first check of the effects finds a possible cause"
-    return "it follows what was recorded" if found.tracked else checked, asked.looked("diagnose")
+    return "it varies with what was recorded" if found.tracked else checked, asked.looked("diagnose")
 
 
 def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:

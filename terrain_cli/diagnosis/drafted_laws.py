@@ -57,7 +57,7 @@ class Draft:
     """A law that may be added."""
 
     changes: str
-    driver: str  # Empty for one that follows nothing
+    driver: str  # Empty for a constant
     form: str  # One of `FORMS`
     text: str
     effect: Effect
@@ -230,9 +230,9 @@ def write(  # noqa: C901 - one branch for each form
     law = f"{changes} + {term}" if shown else f"{changes} * (1 + {term})"
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
-    title = f"{what} follows {driver or 'nothing: an offset'} ({form}; empirical)"
+    does = f"follows {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"
     columns = {driver: unit} if unit and is_column(driver) else {}
-    text = _text(name, title, changes, law, parameters, [driver] if driver else [], columns)
+    text = _text(name, f"{what} {does}", changes, law, parameters, [driver] if driver else [], columns)
     try:
         effect = effect_file.parse(text)
     except TerrainError:

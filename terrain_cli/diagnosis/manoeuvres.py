@@ -60,7 +60,7 @@ class Conditions:
 
     @classmethod
     def of(cls, data: SmoothedData) -> Conditions:
-        """Look them up."""
+        """Return the usual slip, load, speed and sinkage of the data, from which drives are planned."""
         known = {**data.measured, **data.inputs}
         middle = {
             name: float(np.nanmedian(column[data.use]))
@@ -85,7 +85,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A drive."""
+    """A short drive that may be recommended next."""
 
     text: str  # For a person
     # A `[[part]]` of a drive file of `terrain-est simulate`; load and speed are shares of `load` and `speed`

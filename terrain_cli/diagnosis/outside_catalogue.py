@@ -13,6 +13,7 @@ import numpy as np
 from terrain_cli import effects as catalogues
 from terrain_cli import processes
 from terrain_cli.comparison.drivers import functions_under_all
+from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 
 #: Samples that are screened.
 _MOST = 4_000
-#: Drivers whose noise is in the residual too.
-_QUIET = ("slip", "load", "sinkage", "velocity", "angular_velocity")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         rows = np.arange(0, len(wheel), max(1, len(wheel) * len(data.wheels) // _MOST))
         known = signatures.evidence(wheel, rows)
         values = {
-            name: known.channels[name] if name in _QUIET and name in known.channels else column[rows]
+            name: known.channels[name] if name in INTERPOLATED and name in known.channels else column[rows]
             for name, column in drafted_laws.drivers(wheel).items()
         }
         # What a law takes off is the same however the samples are cut into blocks.

@@ -123,7 +123,7 @@ def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
     lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
     measured = {name for wheel in wheels for name in wheel.measured}
     if lacking:
-        return f"it needs {' and '.join(sorted(lacking))}, which nothing gives"
+        return f"it needs {' and '.join(sorted(lacking))}, which neither the data nor rover.toml give"
     only = UNITS.keys() & effect.laws.keys()
     if only and len(only) == len(effect.laws) and not only & measured:
         return f"it shows in {' and '.join(sorted(only))} alone, which is not measured".replace("_", " ")
@@ -138,7 +138,7 @@ def on_changing_soil(every: Sequence[Hypothesis]) -> tuple[list[Hypothesis], lis
     """
     passes = [one for one in every if any(DRIVEN_BEFORE in effect.reads for effect in one.effects)]
     because = (
-        "the soil changes along this drive, which a pass cannot be told from: drive the same track twice"
+        "the soil changes along this drive, and a pass cannot be told from that: drive the same track twice"
     )
     return [one for one in every if one not in passes], [NotTestable(one.id, because) for one in passes]
 
@@ -355,12 +355,12 @@ class _Columns:
         if self.testable[columns].any():
             return ""
         if not self.raw[columns].any():
-            return "nothing that it follows varies in these data"
+            return "what it depends on does not vary in these data"
         if not (self.scores.surviving[columns] > criteria.SIGNATURE_SURVIVES).any():
             return "the soil's own parameters imitate it in these data"
         if not self.noise_known:
-            return "the noise of these data is not known, so that nothing tells whether it would stand out"
-        return "three times its typical size would not stand out of the noise of these data"
+            return "the noise of these data is not known, so it cannot be said whether it would stand out"
+        return "three times its typical size would not stand out from the noise of these data"
 
 
 def _add(

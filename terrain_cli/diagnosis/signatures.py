@@ -17,7 +17,7 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria, whitening
 from terrain_cli.comparison.blocks import DRAWS, max_test
 from terrain_cli.comparison.prediction import derivatives
-from terrain_cli.comparison.smoothed_channels import is_quiet
+from terrain_cli.comparison.smoothed_channels import inputs_known
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
 
@@ -69,7 +69,7 @@ def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
-    residual, known = whitening.known_of(white, errors, is_quiet(channels))
+    residual, known = whitening.known_of(white, errors, inputs_known(channels))
     found = SignatureEvidence(channels, white, residual, known, np.zeros(0))
     names = (*wheel.soil, *wheel.common)
     return found._replace(soil=found.whitened(wheel.slopes(channels, rows), len(names)))

@@ -38,7 +38,7 @@ class Findings:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What is said of it."""
+    """The verdict, and what is told beside it."""
 
     verdict: Verdict
     family: tuple[str, ...]  # The best first; `effect` alone where one name is given
@@ -93,9 +93,7 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
         return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
     if diagnosis.verdict == "none":
-        return (
-            _too_few(diagnosis) or "No effect that these data can show explains them better, beyond chance."
-        )
+        return _too_few(diagnosis) or "No effect that these data can show improves the fit beyond chance."
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"

@@ -30,7 +30,7 @@ def mean_stress(load: Array, sinkage: Array, radius: float, width: float) -> Arr
     return np.divide(load, width * length, out=np.full_like(length, np.nan), where=length > 0.0)
 
 
-def typical(stress: Array) -> float:
+def typical_stress(stress: Array) -> float:
     """Return the median stress, rounded to 1, 2 or 5 times a power of ten; NaN if there is none."""
     known = stress[np.isfinite(stress) & (stress > 0.0)]
     if len(known) == 0:
@@ -53,7 +53,7 @@ def with_strengths(
     if filled.any():
         first = windows.bounds[:-1][filled]
         low[filled], high[filled] = np.fmin.reduceat(stress, first), np.fmax.reduceat(stress, first)
-    common = np.full(len(windows), typical(stress) if at_stress is None else at_stress)
+    common = np.full(len(windows), typical_stress(stress) if at_stress is None else at_stress)
     pivot = np.where(np.isfinite(low), np.clip(estimates.sigma_star, low, high), estimates.sigma_star)
     strength, strength_se = strength_at(pivot, estimates)
     mapped, mapped_se = strength_at(common, estimates)
@@ -68,7 +68,7 @@ def with_strengths(
     )
 
 
-def driven(samples: Samples) -> tuple[float, float]:
+def stress_range(samples: Samples) -> tuple[float, float]:
     """Return the least and the greatest mean stress, Pa, of usable samples; NaN where none is known."""
     unknown = np.full(len(samples), np.nan)
     load, sinkage = (samples.channels.get(name, unknown)[samples.usable] for name in ("load", "sinkage"))
@@ -77,14 +77,17 @@ def driven(samples: Samples) -> tuple[float, float]:
     return (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
 
 
-def beyond(wheel: str, several: Sequence[tuple[float, float]], at_stress: float | None) -> Iterator[str]:
+def extrapolation_notes(
+    wheel: str, ranges: Sequence[tuple[float, float]], at_stress: float | None
+) -> Iterator[str]:
     """Say that strengths at a stress, Pa, are extrapolated, if no part of a drive was near it."""
-    known = np.array([ends for ends in several if np.isfinite(ends).all()])
+    known = np.array([ends for ends in ranges if np.isfinite(ends).all()])
     if at_stress is None or not len(known):
         return
     low, high = known.min(), known.max()
     # A round stress, as one gets without asking, is near enough.
-    if not min(low, typical(known[known == low])) <= at_stress <= max(high, typical(known[known == high])):
+    lowest, highest = (typical_stress(np.array([end])) for end in (low, high))
+    if not min(low, lowest) <= at_stress <= max(high, highest):
         yield (
             f"strengths at {at_stress / 1e3:.4g} kPa are extrapolated: {the_wheel(wheel)} put "
             f"{low / 1e3:.3g} to {high / 1e3:.3g} kPa on the soil, on average over the contact"

@@ -237,7 +237,7 @@ class Stopped:
     """Where the loop ended."""
 
     file: ModelFile
-    quiet: bool  # Whether the alarm is silent
+    silent: bool  # Whether the alarm is
     because: str
     # evidence, comparison: what is known of the model as it is at last, and its comparison with the data
     evidence: Evidence

@@ -63,14 +63,14 @@ def until_quiet(
         kept = step.pays if action == "add" else not step.costs
         return replace(step, kept=kept), change.file if kept else current
 
-    quiet, because = False, ""
+    silent, because = False, ""
     found: Diagnosis | None = None
     last: Step | None = None
     refused: tuple[str, ...] = ()
     while len(added) < criteria.MOST_EFFECTS:
         progress("diagnosis")
         found = diagnose(kept_aside.seen(wheels), file)
-        quiet = not found.alarm.raised
+        silent = not found.alarm.raised
         choices, because = _candidates(found, draft)
         if not choices:
             break
@@ -103,7 +103,7 @@ def until_quiet(
             last = step
     if removed:
         found = diagnose(kept_aside.seen(wheels), file)
-        again = quiet and found.alarm.raised
+        again = silent and found.alarm.raised
         because = f"without {listed(removed)} something stands out again" if again else because
     yield _stopped(file, found, last, because, refused)
 

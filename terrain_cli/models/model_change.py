@@ -89,7 +89,7 @@ def imposed(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
     lost = {*file.fixed, *file.priors, *file.shared} - {*model.soil, *model.parameters}
     if lost:
         raise ConfigurationError(
-            f"the base linear has no {', '.join(sorted(lost))}, of which the model file says something",
+            f"the base linear has no {', '.join(sorted(lost))}, which the model file sets",
             hint="take that out of the file first",
         )
     return replace(file, model=model)

@@ -131,10 +131,10 @@ def proof(step: Step, ask: str = "--confirm LOG or --keep-aside SHARE") -> str:
     if step.evidence.aside:
         some = counted(step.evidence.aside, "sample")
         return f"proof: stretches kept aside, {some} that diagnose with the same --keep-aside does not see"
-    same = "proof: the stretches that may have named it"
+    same = "proof: on stretches that may have helped to name it"
     if step.evidence.too_short:
         return f"{same}: {model_history.same_stretches(step)}"
-    return f"{same}; for others give {ask}"
+    return f"{same}; for a stricter one give {ask}"
 
 
 def reason(step: Step) -> str:
@@ -231,7 +231,7 @@ def loop(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> dic
     return {
         "format": LOOP_FORMAT,
         "sentence": end.because,
-        "silent": end.quiet,
+        "silent": end.silent,
         "model": {"base": end.file.model.base, "effects": [effect.id for effect in end.file.model.effects]},
         "steps": [_change(step) for step in steps],
         "conclusion": comparison_text.conclusion_document(

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 FORMAT = "terrain-est/diagnosis/1"
 _ALARM = ("raised", "p_value", "level", "gain", "gain_se", "cause", "channel", "share", "smallest_share")
 _UNKNOWN = ("channel", "driver", "form", "explained", "sentence", "alternatives")
+_LEGEND = (
+    "marked *: these data cannot tell it from the best; explains: share of the misfit, by the loss that "
+    "ranks them; survives: share of its trace in the errors that no soil imitates"
+)
 #: Candidates that a person reads.
 _SHOWN = 8
 #: Effects whose scores one reads while the fits go on.
@@ -191,5 +195,4 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     if diagnosis.heldout:
         table.append(["  (as it is, soils as below)", "", "", *errors(diagnosis.heldout), ""])
     table += rows
-    legend = "* = cannot be told from the best; survives: share of it that no soil imitates"
-    return [f"held-out error with each ({legend}):", *aligned(table)]
+    return ["held-out error with each effect:", *aligned(table), _LEGEND]

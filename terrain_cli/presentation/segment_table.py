@@ -139,7 +139,7 @@ def several_terrains(samples: Samples, table: Table) -> set[str]:
     return set() if labels is None else {*table["terrain"]} - {"", *labels.names}
 
 
-def told_of_terrains(wheel: str, names: Iterable[str]) -> list[str]:
+def mixed_terrain_notes(wheel: str, names: Iterable[str]) -> list[str]:
     """Say that windows hold more than one label, if there are any."""
     listed = ", ".join(sorted(names))
     told = f"{the_wheel(wheel)}: segments hold samples of more than one terrain ({listed})"

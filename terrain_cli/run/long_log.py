@@ -210,7 +210,7 @@ class LongWheel:
         if self._cut:
             often = f"every {LONGEST:,} samples or so ({self._cut} times)"
             remarks.append(f"{the_wheel(self._first.wheel)}: a soil that goes on is cut {often}")
-        remarks += segment_table.told_of_terrains(self._first.wheel, self._mixed)
+        remarks += segment_table.mixed_terrain_notes(self._first.wheel, self._mixed)
         return account(self._first, self._rows, self._used, dict(self._reasons.most_common()), remarks)
 
 

@@ -81,7 +81,9 @@ def run(
         placed = locations.locate(samples, settings.places) if settings.places else None
         used = len(samples.usable)
         if settings.stress is not None:
-            samples.remarks += strength.beyond(samples.wheel, [strength.driven(samples)], settings.stress)
+            samples.remarks += strength.extrapolation_notes(
+                samples.wheel, [strength.stress_range(samples)], settings.stress
+            )
         told = long_log.account(samples, len(samples), used, samples.reasons(), samples.remarks)
         told["places"] = placed._asdict() if placed else None
         outcome.account["wheels"].append(told)
@@ -100,7 +102,7 @@ def run(
         told["model"] = fitted.account
         tables.append(segment_table.table(cut, fitted.estimates))
         mixed = segment_table.several_terrains(samples, tables[-1])
-        told["remarks"] = [*samples.remarks, *segment_table.told_of_terrains(samples.wheel, mixed)]
+        told["remarks"] = [*samples.remarks, *segment_table.mixed_terrain_notes(samples.wheel, mixed)]
         outcome.estimates.append(fitted.estimates)
         if settings.method == "recursive":
             outcome.trace.append(segment_table.trace(cut))
@@ -117,7 +119,7 @@ def _in_reaches(
     """Estimate a log of which no more than a reach is held."""
     # They grow until the log ends.
     remarks: dict[str, list[str]] = {}
-    driven: dict[str, list[tuple[float, float]]] = {}
+    stresses: dict[str, list[tuple[float, float]]] = {}
     # A table of text does not say how long it is.
     rows = source.streams()[0].count
 
@@ -126,7 +128,7 @@ def _in_reaches(
         for part in parts:
             remarks[part.wheel] = part.remarks
             if settings.stress is not None:
-                driven.setdefault(part.wheel, []).append(strength.driven(part))
+                stresses.setdefault(part.wheel, []).append(strength.stress_range(part))
             count += len(part)
             progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
@@ -137,8 +139,8 @@ def _in_reaches(
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""
         raise InputError(f"{source.path}: there are no samples{where}")
-    for name, stresses in driven.items():
-        remarks[name] = [*remarks[name], *strength.beyond(name, stresses, settings.stress)]
+    for name, ranges in stresses.items():
+        remarks[name] = [*remarks[name], *strength.extrapolation_notes(name, ranges, settings.stress)]
     told = [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]
     outcome = Outcome(table={}, account=_of_source(source) | {"wheels": told})
     outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]

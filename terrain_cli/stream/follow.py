@@ -43,7 +43,7 @@ _NOTHING = "of a table a header and rows are needed, of a bag messages"
 
 
 class Teller(Protocol):
-    """Who is told what happens."""
+    """Writes or shows what a followed drive gives."""
 
     def closed(self, row: Table) -> None: ...  # Of a segment that has closed
     def open(self, rows: list[Table]) -> None: ...  # Of the segments that are open
@@ -230,5 +230,7 @@ class Follow:
         text = f"{self._rows.counted}: {self._rows.count}, late: {late}, repeated: {repeated}"
         text += f"; segments: {closed}"
         more = f"a soil that went on was cut every {followed_wheel.LONGEST:,} samples ({cut} times)"
-        mixed = [told for n, w in self._wheels.items() for told in segment_table.told_of_terrains(n, w.mixed)]
+        mixed = [
+            told for n, w in self._wheels.items() for told in segment_table.mixed_terrain_notes(n, w.mixed)
+        ]
         return [text, *self._rows.faults(), *([more] if cut else []), *mixed]

@@ -166,7 +166,7 @@ Weight = Literal["odd", "impossible", "contradiction"]
 
 
 class Suspicion(NamedTuple):
-    """What is hardly true."""
+    """A unit or sign that is improbable, and what would mend it."""
 
     what: str
     #: Whose unit or sign it may be.

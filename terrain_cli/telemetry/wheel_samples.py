@@ -110,7 +110,7 @@ class Plan:
 
     @property
     def every_feed(self) -> list[Feed]:
-        """The shared ones first."""
+        """The feeds that all wheels share, then those of each."""
         return [feed for feeds in (self.shared, *self.wheels.values()) for feed in feeds.values()]
 
     def feeds(self, wheel: str) -> dict[str, Feed]:

@@ -14,6 +14,7 @@ from terrain_cli.mechanics.effect import Effect
 from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.presentation import segment_table
 from terrain_cli.views import shown_samples
+from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -211,7 +212,7 @@ def _moment(wheel: WheelComparison) -> Moment | None:
         return None
     row = rows[np.argsort(sinkage[rows], kind="stable")[len(rows) // 2]]
     return Moment(
-        f"wheel {wheel.wheel}, segment {segment + 1}: z = {1e3 * sinkage[row]:.1f} mm, "
+        f"{the_wheel(wheel.wheel)}, segment {segment + 1}: z = {1e3 * sinkage[row]:.1f} mm, "
         f"i = {samples.channels['slip'][row]:.2f}",
         wheel.model,
         samples.geometry.wheel,

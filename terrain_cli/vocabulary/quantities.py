@@ -20,6 +20,8 @@ _SHOWN = {
 }
 #: Lengths are shown in m, save these.
 _IN_MM = frozenset({"sinkage"})
+#: What a channel is called in sentences and pictures, where that is not its name.
+_WORDS = {"velocity": "speed", "angular_velocity": "wheel speed", "pass_number": "pass"}
 #: Drivers that no log holds.
 _DERIVED = frozenset({"wheel_angle"})
 #: The forces on a wheel, in the order in which they are shown.
@@ -69,7 +71,10 @@ def quantity(name: str, unit: str) -> Quantity:
     """Return how a channel or driver is shown; its unit is SI, and empty where it is not known."""
     channel = CHANNELS.get(name)
     shown, factor = ("mm", 1e3) if name in _IN_MM and unit == "m" else _SHOWN.get(unit, (unit, 1.0))
-    words = name.replace("_", " ") if channel or name in _DERIVED else name
+    if name == "angular_velocity":
+        # The speed of a wheel is not told in degrees.
+        shown, factor = unit, 1.0
+    words = _WORDS.get(name) or (name.replace("_", " ") if channel or name in _DERIVED else name)
     return Quantity(words, channel.symbol if channel else "", shown, factor)
 
 

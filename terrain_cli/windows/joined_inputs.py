@@ -44,7 +44,7 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
     kept = reasons.codes[windows.rows] < 0
     needed = {name for effect in new for name in effect.needs if effect_inputs.sources(name)}
     if not kept.any() or not found.keys() >= needed:
-        raise InputError(f"{place}: in no sample is all known that {', '.join(e.id for e in new)} needs")
+        raise InputError(f"{place}: no sample has all that {', '.join(e.id for e in new)} needs")
     before = np.concatenate([[0], np.cumsum(kept)])
     known = replace(samples, drivers={**samples.drivers, **found}, set_aside=reasons)
     # A window of which nothing is left is none.

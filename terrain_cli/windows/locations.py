@@ -212,7 +212,7 @@ def _nothing_common(samples: Samples, places: Places, counter: Collection[str]) 
         return " and ".join([*(["a clock"] * clock), *names]) or "neither a clock nor site and drive"
 
     return InputError(
-        f"{samples.source}: {places.path} says no place of it: that has "
+        f"{samples.source}: {places.path} gives no place for it: that has "
         f"{has(places.time is not None, places.keys)}, the log {has(samples.time is not None, counter)}",
         hint="both need a time, or columns site and drive",
     )

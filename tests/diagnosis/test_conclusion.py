@@ -17,13 +17,12 @@ UNKNOWN = {"torque": math.nan}
 MISSES = (
     "The model misses something: the held-out error is 8.6 × the noise in torque and 12 × in sinkage, and "
 )
-UNFIT = f"The model does not fit to the noise: {MISSES[28:-6]}; "
+UNFIT = f"The model does not fit to within the noise: {MISSES[28:-6]}; "
 AGAIN = "The soil may vary, or the model lacks something. Repeat the drive beside this track: if the misfit"
 SMALL = "The model may miss something: the held-out error is at most 1.02 × the noise (in torque), but "
 POSSIBLE = "a first check of the effects finds a possible cause."
-FITS = (
-    "The model fits to the noise: the held-out error is at most 1.02 × the noise (in torque), and no effect"
-)
+SMALLEST = "the held-out error is at most 1.02 × the noise (in torque)"
+FITS = f"The model fits to within the noise: {SMALLEST}, and no effect"
 LOOK = "terrain-est diagnose 'a run.csv' --segments none"
 NEW = "terrain-est model new model.toml && terrain-est model add model.toml "
 DATA = " --segments none --data 'a run.csv'"
@@ -41,7 +40,8 @@ def evidence(ratios, **known):
         pytest.param(
             evidence({**FINE, "drawbar pull": 1.0}, several=3),
             "fits",
-            FITS + " stands out. It takes 3 soils: whether an effect can stand for them, a diagnosis tells.",
+            FITS
+            + " stands out. It needs 3 soils; a diagnosis tells whether one effect can take their place.",
             LOOK,
             id="noise, on several soils",
         ),
@@ -56,7 +56,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, tracked=True),
             "explained",
-            MISSES + "it follows what was recorded.",
+            MISSES + "it varies with what was recorded.",
             LOOK,
             id="findings",
         ),
@@ -66,7 +66,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(FINE, raised=True, tracked=True),
             "explained",
-            SMALL + "it follows what was recorded.",
+            SMALL + "it varies with what was recorded.",
             LOOK,
             id="findings within the noise",
         ),

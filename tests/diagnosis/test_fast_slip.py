@@ -45,7 +45,7 @@ def test_a_load_that_hardly_varies_is_told_by_farther_samples_than_slip():
     (wheel,), _ = fit_wheels(windows_of(78501607, kind, "none"), Model(), FitSettings({}, {}, (), None))
     assert wheel.gaps["load"] > wheel.gaps["slip"]
     narrow = dict.fromkeys(wheel.gaps, wheel.gaps["slip"])
-    own, shared = (_alike(wheel, wheel.quiet(gaps)["load"]) for gaps in (wheel.gaps, narrow))
+    own, shared = (_alike(wheel, wheel.interpolated(gaps)["load"]) for gaps in (wheel.gaps, narrow))
     assert abs(own) < 0.5 * abs(shared)
 
 

@@ -98,7 +98,7 @@ def fitted(several, names):
     settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in effects for name in effect.reads))
     wheels, _ = fit_wheels(joined, file.model, settings, further=further)
-    wheels, _ = held_out.as_few_as_predict(wheels)
+    wheels, _ = held_out.join_segments(wheels)
     block = [part.astype(np.intp) for part in blocks.fine([len(wheel) for wheel in wheels], 60, most=24)]
     data = refits.ground(wheels, block, 1500)
     found, lacking = screening.hypotheses(file, wheels, effects)

@@ -50,7 +50,7 @@ def test_they_are_added_together_and_stay(wheels, found):
         ("remove", HIDDEN[1:], False),
     ]
     assert isinstance(end, Stopped)
-    assert end.quiet
+    assert end.silent
     assert {effect.id for effect in end.file.model.effects} == set(HIDDEN)
     for name, errors in steps[0].second.channels.items():
         assert errors.heldout_rmse < 1.1 * errors.noise, name

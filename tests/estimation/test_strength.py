@@ -44,14 +44,17 @@ def test_the_mean_stress_is_the_load_by_the_ground_that_carries_it():
     ],
 )
 def test_the_typical_stress_is_a_round_one(stresses, rounded):
-    assert strength.typical(np.array(stresses)) == pytest.approx(rounded, nan_ok=True)
+    assert strength.typical_stress(np.array(stresses)) == pytest.approx(rounded, nan_ok=True)
 
 
 def test_a_stress_that_was_never_driven_is_remarked(windows):
     _, cut = windows
-    ends = [strength.driven(cut.samples)]
-    assert not [*strength.beyond("wheel", ends, 20e3), *strength.beyond("wheel", ends, None)]
-    (told,) = strength.beyond("wheel", [(math.nan, math.nan), *ends], 1e9)
+    ends = [strength.stress_range(cut.samples)]
+    assert not [
+        *strength.extrapolation_notes("wheel", ends, 20e3),
+        *strength.extrapolation_notes("wheel", ends, None),
+    ]
+    (told,) = strength.extrapolation_notes("wheel", [(math.nan, math.nan), *ends], 1e9)
     assert told.startswith("strengths at 1e+06 kPa are extrapolated: the wheel put ")
 
 

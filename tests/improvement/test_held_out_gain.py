@@ -104,8 +104,8 @@ def test_where_nothing_can_be_kept_aside_the_proof_says_so():
     short = [TooShort("too short to keep stretches aside")]
     one, same = (step(outcome(errors, remarks=some), outcome(errors, remarks=some)) for some in (short, ()))
     assert (one.proof, same.proof) == ("same data", "same data")
-    assert proof(one) == "proof: the stretches that may have named it: too short to keep any aside"
-    assert proof(same).endswith("; for others give --confirm LOG or --keep-aside SHARE")
+    assert proof(one) == "proof: on stretches that may have helped to name it: too short to keep any aside"
+    assert proof(same).endswith("; for a stricter one give --confirm LOG or --keep-aside SHARE")
     assert model_history.same_stretches(same) == "no others were kept aside"
     # Nothing names what is taken out.
     assert model_history.same_stretches(replace(one, action="remove")) == ""

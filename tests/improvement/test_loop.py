@@ -99,7 +99,7 @@ def effects(end):
 
 def test_silence_changes_nothing(clean):
     steps, end = run(clean)
-    assert (steps, effects(end), end.quiet) == ([], [], True)
+    assert (steps, effects(end), end.silent) == ([], [], True)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_right_name_is_added_and_the_alarm_asked_again(right):
     steps, end = right
     assert told(steps) == [("add", "slip-sinkage", True)]
     assert effects(end) == ["slip-sinkage"]
-    assert end.quiet
+    assert end.silent
 
 
 def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_it_from(sinks):
@@ -164,14 +164,17 @@ def test_one_name_has_no_rivals(right):
     told = change_text.loop_text([kept], end)
     assert "do not tell" not in told
     # Another drive is for effects that are named.
-    assert "proof: the stretches that may have named it; for others give --keep-aside SHARE\n" in told
+    assert (
+        "proof: on stretches that may have helped to name it; for a stricter one give --keep-aside SHARE\n"
+        in told
+    )
     assert model_history.entry(kept, "")["rivals"] is None
 
 
 def test_what_does_not_pay_is_never_kept(clean):
     steps, end = run(clean, ["drivetrain-friction", "load-bias"])
     assert told(steps) == [("add", "drivetrain-friction", False), ("add", "load-bias", False)]
-    assert (effects(end), end.quiet) == ([], False)
+    assert (effects(end), end.silent) == ([], False)
     assert "drivetrain-friction and load-bias did not" in end.because
 
 
@@ -188,7 +191,7 @@ def test_an_effect_that_another_makes_needless_is_dropped(folder):
     assert ("remove", "gear-efficiency", True) in told(steps)
     assert effects(end) == ["drivetrain-friction"]
     # The silence that is told is that of the model as it is in the end.
-    assert (end.quiet, end.evidence.verdict) == (True, "none")
+    assert (end.silent, end.evidence.verdict) == (True, "none")
     for one in steps:
         assert one.kept == (one.pays if one.action == "add" else not one.costs)
 
@@ -207,7 +210,7 @@ def test_unknown_stops_without_a_place_for_a_draft(sinks):
     steps, end = run(
         sinks, SimpleNamespace(channel="torque", driver="yaw_rate", sentence="sinkage follows slip")
     )
-    assert (steps, end.quiet) == ([], False)
+    assert (steps, end.silent) == ([], False)
     assert end.because == "sinkage follows slip; no draft was asked for"
 
 
@@ -256,7 +259,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
         next_drive=[],
     )
     (end,) = until_quiet(sinks, models.resolve("wong-reece"), diagnose=lambda *_: nothing)
-    assert not end.quiet
+    assert not end.silent
     assert "no effect can be named" in end.because
 
 

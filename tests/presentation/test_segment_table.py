@@ -105,6 +105,6 @@ def test_a_window_is_called_by_every_label_that_many_of_its_samples_carry():
     names = segment_table._terrain(cut)
     assert names == ["rock", "sand+rock", "", "sand", "rock"]
     assert segment_table.several_terrains(cut.samples, {"terrain": names}) == {"sand+rock"}
-    (told,) = segment_table.told_of_terrains("front", {"sand+rock"})
+    (told,) = segment_table.mixed_terrain_notes("front", {"sand+rock"})
     assert "(sand+rock); --segments terrain" in told
-    assert segment_table.told_of_terrains("front", set()) == []
+    assert segment_table.mixed_terrain_notes("front", set()) == []

@@ -125,7 +125,8 @@ def test_a_model_that_fits_says_so(run):
     wheels = [replace(wheel, blocks=np.arange(len(wheel.blocks)) // 20) for wheel in found.wheels]
     first = page(replace(found, channels=silent, wheels=wheels)).partition('<h2 id="summary">')[2]
     assert (
-        '<p class="lead">The model fits to the noise: the held-out error is at most 1.00 × the noise' in first
+        '<p class="lead">The model fits to within the noise: the held-out error is at most 1.00 × the noise'
+        in first
     )
     assert "Next: <code>terrain-est estimate run.csv</code>" in first
 
@@ -260,7 +261,7 @@ def test_steady_points_are_shown_along_slip_and_not_joined(run):
 
 
 def test_units_of_headings_are_not_broken(outline):
-    assert "misfit of T (N\N{NO-BREAK SPACE}m)" in outline.texts["th"]
+    assert "Misfit of T (N\N{NO-BREAK SPACE}m)" in outline.texts["th"]
 
 
 def test_one_name_for_all_segments_is_no_legend(comparison):

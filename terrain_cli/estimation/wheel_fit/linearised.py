@@ -42,7 +42,7 @@ _SQUARE = np.array([1.0, 0.7102, 0.6753, 0.6437])
 #: How far a true value may be from the measured one, in standard deviations of the sensor.
 _FARTHEST = 8.0
 #: Of a channel that is off by orders of magnitude the true values run away: what is not finite tells nothing.
-_QUIET = np.errstate(over="ignore", invalid="ignore")
+_UNDEFINED_ALLOWED = np.errstate(over="ignore", invalid="ignore")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,14 +112,14 @@ class Equations:
         """Return the design in the units of the outputs, shape (outputs, p + q, n)."""
         return np.asarray(np.einsum("abn,bpn->apn", self.factor, self.design))
 
-    @_QUIET
+    @_UNDEFINED_ALLOWED
     def latent(self, data: FitData) -> Array:
         """Return the true values of the inputs that go best with the residuals, shape (inputs, n)."""
         most = _FARTHEST / np.sqrt(np.repeat(data.excess, data.count))
         offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -most, most)
         return data.possible(data.given + self.spread * offset)
 
-    @_QUIET
+    @_UNDEFINED_ALLOWED
     def ways(self) -> Array:
         """Return how these true values move with the unknowns, shape (inputs, p + q, n)."""
         return np.asarray(-self.spread[:, None] * np.einsum("akn,apn->kpn", self.inward, self.design))
@@ -137,7 +137,7 @@ class Equations:
         return information, score, misfit
 
 
-@_QUIET
+@_UNDEFINED_ALLOWED
 def equations(
     problem: Problem, data: FitData, t: Array, common: Array, latent: Array, *, order: int | None = None
 ) -> Equations:

@@ -114,7 +114,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
         axes.legend(loc="lower right", ncols=2)
     lower.set_xlabel("sample")
     lower.set_xlim(1, max(place[-1] if len(place) else 0, 2))
-    where = ", ".join(f"{key} {trace[key][0]}" for key in ("source", "wheel") if len(number))
+    where = f"{trace['source'][0]}, {quantities.the_wheel(trace['wheel'][0])}" if len(number) else ""
     figure.suptitle(where, fontsize=9.0, x=0.01, ha="left")
     return figure
 

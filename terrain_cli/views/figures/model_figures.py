@@ -157,7 +157,9 @@ def candidates(found: Diagnosis) -> Figure | None:
     fitted = [one for one in found.candidates if one.refitted][:MOST_CANDIDATES]
     if not fitted:
         return None
-    sizes = [fill(sizes_text(one), _LINE) for one in fitted]
+    # A line ends between two parameters, never within one.
+    whole = [sizes_text(one).replace(" ", "\N{NO-BREAK SPACE}") for one in fitted]
+    sizes = [fill(one.replace(",\N{NO-BREAK SPACE}", ", "), _LINE) for one in whole]
     lines = 2 + max(size.count("\n") for size in sizes)
     figure = Picture(figsize=(8.6, 1.5 + (0.12 + 0.15 * lines) * len(fitted)))
     explained, loss = figure.subplots(1, 2, sharey=True)

@@ -192,8 +192,11 @@ def _draw(axes: Axes, paths: list[Array], values: Array, ends: tuple[float, floa
         axes.plot(*course[0], marker="o", markersize=3.0, color="white", markeredgecolor=INK, zorder=3)
     for course, value in zip(courses, values[drawn], strict=True):
         if len(drawn) <= MOST_LABELS and np.isfinite(value):
+            rise = float(np.prod(course[-1] - course[0]))
+            # On the side from which the track falls away, so that no number lies on it.
+            side = "right" if rise > 0.0 else "left" if rise < 0.0 else "center"
+            look: dict[str, Any] = {"fontsize": 7.0, "ha": side, "color": INK}
             middle = course[len(course) // 2]
-            look: dict[str, Any] = {"fontsize": 7.0, "ha": "center", "color": INK}
             axes.annotate(f"{value:.2g}", middle, (0, 6), textcoords="offset points", **look)
     axes.grid(visible=True, color=FAINT, alpha=0.3, linewidth=0.5)
     return lines

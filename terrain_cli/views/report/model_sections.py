@@ -71,7 +71,7 @@ def section(models: Sequence[Alternative]) -> Section:
 def _table(models: Sequence[Alternative]) -> Table:
     head, rows = ["Model"], [[label] for _, label in choices(models)[0]]
     for name, what in shown_samples.channels(models[_own(models)].comparison).items():
-        head += [f"held-out error of {what.symbol}{what.in_unit}", "× noise"]
+        head += [f"Held-out error of {what.symbol}{what.in_unit}", "× noise"]
         for row, one in zip(rows, models, strict=True):
             errors = one.comparison.channels[name]
             row += [

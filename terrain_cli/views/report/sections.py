@@ -152,8 +152,8 @@ def _errors(comparison: Comparison) -> Table:
         normalised = quantities.number(errors.nrmse)
         rows.append((what.label, ratio, interval, noise, rms, bias, normalised, f"{errors.n:,}"))
     head = (
-        *("Channel", "held out / noise", "held out (95 %)", "noise"),
-        *("rms error", "bias", "normalised", "Samples"),
+        *("Channel", "Held out / noise", "Held out (95 %)", "Noise"),
+        *("Rms error", "Bias", "Normalised", "Samples"),
     )
     return Table("Errors of the prediction", head, rows, frozenset(range(1, len(head))), _NOTE)
 
@@ -226,11 +226,11 @@ def _segments(content: _Content) -> Table:
         )
         for row in kept
     ]
-    strength, _ = shown_segments.mapped_strength(table)
+    strength = shown_segments.mapped_strength(table)[0].replace("strength", "Strength")
     shown = shown_samples.channels(content.comparison)
     head = (
         *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
-        *(f"misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
+        *(f"Misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
         "Status",
     )
     left_out = len(names) - len(kept)
