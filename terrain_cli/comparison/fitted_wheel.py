@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from terrain_cli.comparison import (
 )
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
+from terrain_cli.mechanics.effect import mean_load
 from terrain_cli.windows.cut_windows import at_rows, by_terrain
 
 if TYPE_CHECKING:
@@ -73,22 +74,21 @@ class FittedWheel:
         columns = {name: at_rows(every[name], windows.rows) for name in every if name in read}
         self.channels = {name: column for name, column in columns.items() if np.isfinite(column).any()}
         self.ordered = samples.time is not None
+        told: dict[str, Any] = {name: getattr(settings, name) for name in ("fixed", "priors", "shared")}
         self.fit: Fit = fit(
             model,
             self.geometry,
             self.channels,
             windows.bounds,
-            fixed=settings.fixed,
-            priors=settings.priors,
-            shared=settings.shared,
+            **told,
             noise=settings.noise,
             by_differences=True,
             given="sinkage" if "sinkage" in self.channels else "load",
             correlated=self.ordered,
         )
-        sought = unknowns(
-            model, fixed=settings.fixed, priors=settings.priors, shared=settings.shared, windows=len(windows)
-        )
+        #: Load in N and radius in m, with which forces and torques grow.
+        self.under = mean_load(self.channels), self.geometry.radius
+        sought = unknowns(model, **told, windows=len(windows), under=self.under)
         self.seek(sought)
         self.parameters = self._parameters(settings)
         self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]

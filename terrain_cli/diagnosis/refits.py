@@ -238,6 +238,7 @@ def _solved(
         priors={**settings.priors, **hypothesis.priors},
         shared=settings.shared,
         windows=part.windows,
+        under=wheel.under,
     )
     if after:
         places = [*([one] for one in after), list(after), list(after)[::-1]]

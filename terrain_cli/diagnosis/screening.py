@@ -249,6 +249,7 @@ class _Columns:
         self, wheel: FittedWheel, block: Index, blocks: int, hypotheses: Sequence[Hypothesis], step: int
     ) -> None:
         self.rows = rows = np.arange(0, len(wheel), step)
+        self.under = wheel.under
         known = signatures.evidence(wheel, rows)
         self.noise_known = all(np.isfinite(level.deviation) for level in wheel.noise.values())
         names = known.white.channels
@@ -389,9 +390,10 @@ def _add(
         for column, moved, variance in zip(use, change, np.diag(covariance), strict=True):
             name = group.names[int(column - group.columns[0])]
             parameter = one.model.parameters[name]
+            typical = parameter.typical(*part.under)
             sizes[parameter.name] = Size(
-                (parameter.null + moved * parameter.scale) / parameter.factor,
-                float(np.sqrt(variance)) * parameter.scale / parameter.factor,
+                (parameter.null + moved * typical) / parameter.factor,
+                float(np.sqrt(variance)) * typical / parameter.factor,
                 parameter.unit,
             )
     found.scores[one.id], found.p_values[one.id] = score, p_value

@@ -19,6 +19,7 @@ from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
+from terrain_cli.mechanics.effect import mean_load
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.quantities import counted, listed
 from terrain_cli.windows import joined_inputs
@@ -36,10 +37,6 @@ if TYPE_CHECKING:
 
     #: Source, wheel and number of a segment.
     Place = tuple[str, str, int]
-
-
-#: Load in N and radius in m of the wheel of Iagnemma et al. (2004), to which sizes of effects are usual.
-_PAPER_LOAD, _PAPER_RADIUS = 98.1, 0.1
 
 
 class _OnSoils(NamedTuple):
@@ -236,6 +233,8 @@ def _estimated(
 ) -> Estimated:
     """Return a parameter, or the sum of several, in the unit of the model file."""
     factor = file.factor(names[0])
+    used = {"load": wheel.samples.channels["load"][wheel.windows.rows]}
+    under = mean_load(used), wheel.samples.geometry.radius
     determined = not any(bool(wheel.fit.undetermined[name].all()) for name in names)
     own = wheel.fit.model.parameters.get(names[0]) if len(names) == 1 else None
     sums = [(effect, one) for effect in file.model.effects for one in effect.sums if len(names) > 1]
@@ -248,29 +247,19 @@ def _estimated(
         value=value / factor,
         se=se / factor,
         determined=determined,
-        remark=remark(own, value, determined=determined, larger=_larger(wheel, file.units[names[0]])),
+        remark=remark(own, value, determined=determined, under=under),
     )
 
 
-def _larger(wheel: WheelComparison, unit: str) -> float:
-    """Return how much larger forces, or torques, are than under the wheel of the paper, at least 1."""
-    load = float(np.nanmean(wheel.samples.channels["load"][wheel.windows.rows]))
-    force = max(load / _PAPER_LOAD, 1.0) if unit.startswith("N") else 1.0
-    return force * (
-        max(wheel.samples.geometry.radius / _PAPER_RADIUS, 1.0) if unit.startswith("N m") else 1.0
-    )
-
-
-def remark(own: Parameter | None, value: float, *, determined: bool, larger: float = 1.0) -> str:
-    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one.
-
-    `larger` is how much larger than under the wheel of the paper it may be.
-    """
+def remark(
+    own: Parameter | None, value: float, *, determined: bool, under: tuple[float, float] = (0.0, 0.0)
+) -> str:
+    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one."""
     if own is not None and own.at_bound(value):
         return "at its bound"
     if not determined:
         return "the data leave it open"
-    usual = abs(value - own.null) / (own.scale * larger) if own is not None else 0.0
+    usual = abs(value - own.null) / own.typical(*under) if own is not None else 0.0
     return f"{usual:.0f} times its usual size" if usual > EFFECT_SCALES else ""
 
 

@@ -48,6 +48,8 @@ Law = Callable[[Quantities], Any]
 
 #: Standard errors from its null at which a parameter is on the wrong side of it.
 CERTAIN = 3.0
+#: Load in N and radius in m of the wheel of Iagnemma et al. (2004), under which typical sizes are typical.
+_PAPER_LOAD, _PAPER_RADIUS = 98.1, 0.1
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
 #: Multiples of its null at which a parameter that only shapes an effect is tried.
@@ -83,6 +85,14 @@ class Prior:
         return float(np.log(self.mean)) - 0.5 * spread**2, spread
 
 
+def mean_load(channels: Mapping[str, Any]) -> float:
+    """Return the mean load in N, 0 where it is not known."""
+    import numpy as np
+
+    load = np.asarray(channels.get("load", ()), dtype=float)
+    return float(load[np.isfinite(load)].mean()) if np.isfinite(load).any() else 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """A number of an effect, which the data can determine.
@@ -95,7 +105,7 @@ class Parameter:
     null : float
         The value at which the effect is absent.
     scale : float
-        A typical size, as a distance from `null`; positive.
+        A typical size, as a distance from `null`; positive. Of a force or a torque, as `typical` says.
     meaning : str
         In a few words.
     lower, upper : float
@@ -131,6 +141,12 @@ class Parameter:
     skids: bool = False
     side: int = 0
     along: str = ""
+
+    def typical(self, load: float, radius: float) -> float:
+        """Return a typical size under a load, N, on a wheel of a radius, m: it grows with the wheel's own."""
+        larger, wider = max(load / _PAPER_LOAD, 1.0), max(radius / _PAPER_RADIUS, 1.0)
+        powers = {"N m": larger * wider, "N": larger, "kg m^2": larger * wider**2}
+        return self.scale * next((powers[unit] for unit in powers if self.unit.startswith(unit)), 1.0)
 
     def tried(self, several: Sequence[Mapping[str, Any]]) -> tuple[float, ...]:
         """Return the values, SI, at which what it shapes is tried on the channels of some wheels."""

@@ -2,9 +2,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden_drives import Kind, Rover, sized, windows_of
+from simulator import Wheel
 
-from terrain_cli.diagnosis import effect_sizes, verdict
+from terrain_cli import effects
+from terrain_cli.diagnosis import diagnose, effect_sizes, verdict
 from terrain_cli.diagnosis.diagnosis_outcome import Size
+from terrain_cli.models import ModelFile
 
 
 def test_wheels_that_differ_by_more_than_their_errors_make_the_mean_less_sure():
@@ -39,3 +43,17 @@ def test_parameters_that_the_data_leave_open_are_named():
     assert said(c1=Size(np.nan, np.nan, "1"), c2=Size(np.nan, np.nan, "1")) == "c1 and c2 not determined"
     assert said(c1=Size(0.4, 0.1, "1"), c2=Size(np.nan, np.nan, "1")) == "c1 = 0.4 ± 0.1"
     assert said() == ""
+
+
+def test_the_friction_of_a_heavy_wheel_is_of_its_own_size():
+    """A hundred times what is typical of a small rover: a bias of the drawbar pull used to stand for it."""
+    rover = Rover(wheel=Wheel(radius=0.5, width=0.3), load=9000.0, speed=0.5)
+    hidden = sized("drivetrain-friction", rover=rover)
+    drive = windows_of(79_873_101, Kind(hidden, seconds=64.0, rover=rover))
+    among = [effects.find(name) for name in ("drivetrain-friction", "drawbar-bias", "gear-efficiency")]
+    found = diagnose(drive, ModelFile(), effects=among)
+    assert (found.verdict, found.effect) == ("effect", "drivetrain-friction")
+    dry = found.candidates[0].sizes["Tc"]
+    assert (
+        abs(dry.value - sized("drivetrain-friction", rover=rover)["drivetrain-friction"]["Tc"]) < 4.0 * dry.se
+    )

@@ -210,6 +210,15 @@ def test_a_pull_that_falls_as_the_wheel_digs_in_is_no_pull_in_pounds(pulling, ju
     assert judged(digging, effects=(), compared=True) == []
 
 
+def test_a_drag_that_comes_and_goes_is_no_torque_in_pounds(pulling, judged):
+    """A wrong unit makes the pull change by too much all the time."""
+    more = 0.4 * pulling["torque"] / 0.125
+    late = pulling.index > 0.3 * len(pulling)
+    for there, doubts in ((late, 0), (True, 1)):
+        pulled = pulling.assign(drawbar_pull=pulling["drawbar_pull"] + there * more)
+        assert len(judged(pulled, effects=(), compared=True)) == doubts
+
+
 @pytest.mark.parametrize("name", ["torque", "drawbar_pull", "load", "sinkage"])
 def test_a_channel_that_is_frozen_for_a_part(name, pulling, judged):
     frozen = pulling.copy()

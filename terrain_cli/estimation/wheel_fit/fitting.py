@@ -44,6 +44,7 @@ from terrain_cli.estimation.wheel_fit.window_search import (
     search,
     settled_search,
 )
+from terrain_cli.mechanics.effect import mean_load
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ def fit(
 
     Held are the parameters `fixed`, of soil or effects, one value for all windows or one for each. `priors`
     stand in place of the weak ones from published soils (`unknowns.DEFAULT`), and of those of the effects:
-    their null value, give or take five of their scales. Parameters of the soil that are `shared` are one for
+    their null value, give or take five typical sizes. Parameters of the soil that are `shared` are one for
     all windows; those of the effects are, but for `local` ones, which differ from window to window.
 
     The noise is learnt from the data if not given (`learnt_noise`), `by_differences` only its white part;
@@ -147,14 +148,13 @@ def fit(
     efficiency. `given`: predict load, torque and drawbar pull at the sinkage measured; or solve for the
     sinkage from the load, and predict sinkage, torque and drawbar pull. Steady test points are not
     `correlated`: they do not follow each other in time; of others there are so many in a `second`. Windows of
-    fewer than `min_samples` have the status "too-few-samples"; of the windows `joint` the joint posterior of
-    c and φ is laid out on a grid. `suspects` are effects that the model lacks, and which would show in these
-    channels (`Fit.moved`); with them, even if there are none, errors hold what a model that misses the torque
-    may be off (`posterior.with_model_error`).
+    fewer than `min_samples` are "too-few-samples"; of the windows `joint` the joint posterior of c and φ is
+    laid out on a grid. `suspects` are effects that the model lacks, which would show here (`Fit.moved`); with
+    them, even if there are none, errors hold what a model that misses the torque may be off
+    (`posterior.with_model_error`).
 
-    InputError: a channel without which the model cannot be fitted is missing; ConfigurationError: a name that
-    is no parameter of the model; UsageError: values or priors without meaning; ValueError: arrays of
-    different length, or bounds that do not go from 0 to n.
+    InputError: a channel that the model needs is missing; ConfigurationError: no such parameter; UsageError:
+    values or priors without meaning; ValueError: lengths or bounds that do not fit.
     """
     data, rows = collect(model, channels, bounds, given)
     if correlated and not by_differences:
@@ -162,8 +162,9 @@ def fit(
         data, rows = steadied(data, second), rows[kept]
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
+    size, windows = (mean_load(data.channels), wheel.radius), len(data.windows)
     sought = unknowns(
-        model, fixed=fixed or {}, priors=priors or {}, shared=shared, local=local, windows=len(data.windows)
+        model, fixed=fixed, priors=priors, shared=shared, local=local, windows=windows, under=size
     )
     problem = Problem(
         model=model,

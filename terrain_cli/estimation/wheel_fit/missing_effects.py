@@ -18,6 +18,7 @@ from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
 from terrain_cli.estimation.wheel_fit.excess_scatter import memory
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate
 from terrain_cli.estimation.wheel_fit.unknowns import unknown
+from terrain_cli.mechanics.effect import mean_load
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,7 +75,10 @@ def scores(
     Also by how much each would move the windows' own unknowns, shape (w, p, m).
     """
     model = replace(problem.model, effects=(*problem.model.effects, *effects))
-    added = [unknown(model, effect.qualified(one)) for effect in effects for one in effect.parameters]
+    under = mean_load(data.channels), problem.wheel.radius
+    added = [
+        unknown(model, effect.qualified(one), under=under) for effect in effects for one in effect.parameters
+    ]
     latent = data.given.copy()
     for _ in range(_STEPS):
         accumulate(problem, data, t, common, latent, order=_ORDER)

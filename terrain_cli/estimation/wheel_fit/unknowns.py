@@ -96,18 +96,20 @@ class Unknowns:
 def unknowns(
     model: Model,
     *,
-    fixed: Mapping[str, ArrayLike],
-    priors: Mapping[str, Prior],
+    fixed: Mapping[str, ArrayLike] | None,
+    priors: Mapping[str, Prior] | None,
     shared: Collection[str],
     local: Collection[str] = (),
     windows: int,
+    under: tuple[float, float] = (0.0, 0.0),
 ) -> Unknowns:
     """Sort the parameters of a model into those sought and those held (`fixed`).
 
     Parameters of the soil that are `shared`, and those of effects but for `local` ones, have one value for
-    all windows. ConfigurationError: no such name, or a prior without width; UsageError: a fixed value that is
-    none.
+    all windows. Their sizes are those `under` a load, N, on a wheel of a radius, m. ConfigurationError: no
+    such name, or a prior without width; UsageError: a fixed value that is none.
     """
+    fixed, priors = fixed or {}, priors or {}
     known = (*model.soil, *model.parameters)
     for name in (*fixed, *priors, *shared, *local):
         if name not in known:
@@ -120,20 +122,23 @@ def unknowns(
             raise UsageError(f"fixed {name}: one finite number, or one for each of {windows} windows")
         if name in POSITIVE and np.any(value <= 0.0):
             raise UsageError(f"fixed {name} must be positive")
-    sought = [unknown(model, name, priors.get(name)) for name in known if name not in held]
+    sought = [unknown(model, name, priors.get(name), under) for name in known if name not in held]
     common = {*shared, *model.parameters} - {*local}
     return Unknowns(
         tuple(u for u in sought if u.name not in common), tuple(u for u in sought if u.name in common), held
     )
 
 
-def unknown(model: Model, name: str, prior: Prior | None = None) -> Unknown:
+def unknown(
+    model: Model, name: str, prior: Prior | None = None, under: tuple[float, float] = (0.0, 0.0)
+) -> Unknown:
     """Return a parameter to be sought, by default with the weak prior of the soil or of its effect."""
     logarithm = name in POSITIVE
     if name in model.parameters:
         parameter = model.parameters[name]
-        prior = prior or Prior(parameter.null, EFFECT_SCALES * parameter.scale)
-        lower, upper, step = parameter.lower, parameter.upper, 2.0 * parameter.scale
+        typical = parameter.typical(*under)
+        prior = prior or Prior(parameter.null, EFFECT_SCALES * typical)
+        lower, upper, step = parameter.lower, parameter.upper, 2.0 * typical
     else:
         prior = prior or DEFAULT[name]
         ends = SOIL_BOUNDS[name]
