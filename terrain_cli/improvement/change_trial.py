@@ -116,23 +116,24 @@ def tried(
     def telling(what: str) -> Callable[[str], None]:
         return lambda step: progress(f"{what}: {step}")
 
-    def both(some: Sequence[Windows], first: Comparison | None) -> tuple[Comparison, Comparison, Comparison]:
+    def both(some: Sequence[Windows], first: Comparison | None) -> list[Comparison]:
+        """Return both on the same blocks, then both on their own, as `compare` has them."""
         told, new = telling("before"), telling("after")
         old = cache(lambda: _OnSoils.of(some, before, told))
-        first = old().compared(seed=seed, progress=told) if first is None else first
+        own = old().compared(seed=seed, progress=told) if first is None else first
         soils = _OnSoils.of(some, after, new)
-        own = soils.compared(seed=seed, progress=new)
-        if first.blocks < comparison_criteria.FEWEST_BLOCKS and own.blocks > first.blocks:
+        changed = soils.compared(seed=seed, progress=new)
+        if own.blocks < comparison_criteria.FEWEST_BLOCKS and changed.blocks > own.blocks:
             # What is missing is remembered longer than noise: the better model tells how long that is.
-            return old().compared(like=own, seed=seed, progress=told), own, own
-        second = soils.compared(like=first, findings=False, seed=seed, progress=new)
-        return first, second, own
+            return [old().compared(like=changed, seed=seed, progress=told), changed, own, changed]
+        second = soils.compared(like=own, findings=False, seed=seed, progress=new)
+        return [own, second, own, changed]
 
-    first, second, own = both(wheels, first)
+    first, second, compared_before, compared_after = both(wheels, first)
     progress("one soil or several")
-    windows, told = _needed_soils(first, second, own, action, before, after)
+    windows, told = _needed_soils(first, second, compared_after, action, before, after)
     if told:
-        first, second, own = both(windows, None)
+        first, second, _, compared_after = both(windows, None)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
@@ -140,7 +141,7 @@ def tried(
     differences = between_soils(first, second)
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, wheels)
-    channels, evidence = weigh(first, second, own)
+    channels, evidence = weigh(first, second, compared_after)
     open_before = _open(first)
     return Step(
         action=action,
@@ -149,7 +150,8 @@ def tried(
         after=after,
         first=first,
         second=second,
-        own=own,
+        compared_before=compared_before,
+        compared_after=compared_after,
         channels=channels,
         evidence=evidence,
         parameters=list(_parameters(second, after, changed)),

@@ -130,7 +130,9 @@ class Step:
     # first, second: of the model before and after, on the same blocks
     first: Comparison
     second: Comparison
-    own: Comparison  # Of the model after, on blocks of its own, as `compare` has it
+    # compared_before, compared_after: each on blocks of its own, as `compare` has them
+    compared_before: Comparison
+    compared_after: Comparison
     channels: list[ChannelChange]
     evidence: HeldOutEvidence
     parameters: list[Estimated] = field(default_factory=list)  # Of what is changed, where the model has it

@@ -114,7 +114,8 @@ def _stopped(
     """Say where the loop ended, by the diagnosis of the model as it is, if there is one."""
     if found is None:
         assert last is not None  # noqa: S101 - what changed the model
-        return Stopped(file, False, because, conclusion.of_comparison(last.own), last.own)
+        now = last.compared_after
+        return Stopped(file, False, because, conclusion.of_comparison(now), now)
     evidence = conclusion.of_diagnosis(found, refused=refused)
     return Stopped(file, not found.alarm.raised, because, evidence, found.comparison)
 

@@ -129,7 +129,7 @@ def entry(step: Step, because: str) -> dict[str, Any]:
         "ratio_interval": ends(step.evidence.overall),
         "parameters": means(step.parameters) or None,
         "failures_before": len(step.first.failures),
-        "failures_after": len(step.own.failures),
+        "failures_after": len(step.compared_after.failures),
         "rivals": list(step.rivals) or None,
         "next_drive": drive(step.next_drive),
         "confirmation": confirmation(step),

@@ -198,9 +198,9 @@ def _change(step: Step) -> dict[str, Any]:
             "segments": [one._asdict() for one in step.lost],
         },
         "alarm": {
-            "silent": not step.own.failures,
+            "silent": not step.compared_after.failures,
             "failures_before": _failures(step.first),
-            "failures_after": _failures(step.own),
+            "failures_after": _failures(step.compared_after),
         },
         "warnings": list(dict.fromkeys([*step.first.warnings, *step.second.warnings])),
     }
@@ -208,7 +208,7 @@ def _change(step: Step) -> dict[str, Any]:
 
 def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
     """Conclude what is known of the model as it is after the decision."""
-    now = step.own if step.kept else step.first
+    now = step.compared_after if step.kept else step.compared_before
     refused = step.changed if step.action == "add" and not step.kept else ()
     return comparison_text.conclusion_of(conclusion.of_comparison(now, refused), now, asked)
 
@@ -265,10 +265,10 @@ def text(step: Step, asked: Asked | None = None) -> str:
         lines += [*_parameters(step.parameters), ""]
     lines += [proof(step)] * (step.action == "add")
     lines += [_moved(step), *_open(step), *_idle(step)]
-    before, after = len(step.first.failures), len(step.own.failures)
+    before, after = len(step.first.failures), len(step.compared_after.failures)
     if before or after:
         lines.append(f"where it fails, {counted(after, 'finding')} (before: {before}){':' * (after > 0)}")
-        lines += [f"  {finding.sentence}" for finding in step.own.failures]
+        lines += [f"  {finding.sentence}" for finding in step.compared_after.failures]
     if step.before.model.base != step.after.model.base:
         lines.append(
             "note: the two bases read different channels, so different noise reaches their predictions; "

@@ -55,7 +55,8 @@ def step(first, second, action="add"):
         after=None,
         first=first,
         second=second,
-        own=second,
+        compared_before=first,
+        compared_after=second,
         channels=channels,
         evidence=evidence,
     )
