@@ -143,7 +143,7 @@ def test_a_model_that_misses_a_share_of_the_torque_may_be_off_by_that_share():
     table["torque"] = table["torque"] * (1.0 + 0.1 * np.sin(2.0 * np.pi * time / 31.0))
     geometry, n = WheelGeometry(WHEEL.radius, WHEEL.width), len(time)
     plain = fit(Model(), geometry, table, [0, n])
-    told = fit(Model(), geometry, table, [0, n], suspects=[])
+    told = fit(Model(), geometry, table, [0, n], suspects=[], joint=[0])
     assert told.missed[0]
     (before, _), (after, assumed) = covariance(plain), covariance(told)
     soil = np.array([told.values[name][0] for name in ("cohesion", "tan_phi")])
@@ -154,6 +154,12 @@ def test_a_model_that_misses_a_share_of_the_torque_may_be_off_by_that_share():
     # It is the same in all windows: pooled, it does not average out.
     assert assumed[0, 0] >= 0.99 * (after - before)[0, 0]
     assert told.strength_se[0] > share * told.strength[0]
+    # The joint posterior is as wide as the errors.
+    density = np.exp(told.grids[0].log_density).sum(axis=1)
+    density /= density.sum()
+    tan_phi = told.grids[0].tan_phi
+    deviation = np.sqrt(density @ tan_phi**2 - (density @ tan_phi) ** 2)
+    assert deviation == pytest.approx(told.errors["tan_phi"][0], rel=0.05)
 
 
 def test_a_model_that_fits_is_off_by_noise_alone():

@@ -72,7 +72,9 @@ def grids(
         frame = joint_grid.Frame(np.array([about.values[name][j] for name in _PAIR]), covariance)
         if {*_PAIR} <= {*local}:
             ask = _Valley(problem, data, found, j, frame, order)
-            laid[j] = joint_grid.grid(frame, ask.shape, ask.bounds)
+            # What a model that misses may be off is no curvature of the data: it is as normal as it is wide.
+            shape = None if found.by_model[j].any() else ask.shape
+            laid[j] = joint_grid.grid(frame, shape, ask.bounds)
         else:
             laid[j] = joint_grid.grid(frame)
     return laid
