@@ -127,7 +127,8 @@ def tried(
             # What is missing is remembered longer than noise: the better model tells how long that is.
             return [old().compared(like=changed, seed=seed, progress=told), changed, own, changed]
         second = soils.compared(like=own, findings=False, seed=seed, progress=new)
-        return [own, second, own, changed]
+        # Where it fails is told on its own blocks, which may be shorter.
+        return [own, replace(second, failures=changed.failures), own, changed]
 
     first, second, compared_before, compared_after = both(wheels, first)
     progress("one soil or several")

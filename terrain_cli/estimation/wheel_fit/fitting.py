@@ -225,9 +225,11 @@ def fit(
         min_samples=min_samples,
     )
     if suspects is not None:
+        # Neighbouring test points tell of no misfit that lasts.
+        share = missed_share(data, "torque", left) if correlated else np.zeros(len(data.windows))
         moved = missing_effects.moved(problem, data, found.t, found.common, result, suspects)
         result = replace(result, moved=moved)
-        wrong = np.where(result.missed | result.moved, missed_share(data, "torque", left), 0.0)
+        wrong = np.where(result.missed | result.moved, share, 0.0)
         if wrong.any():
             found = with_model_error(found, sought.local, wrong)
             about = parameters((*model.soil, *local), sought, found, filled, spread)
