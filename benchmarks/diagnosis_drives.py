@@ -49,10 +49,8 @@ from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
 FIRST, APART = 103_000_000, 100
-#: And where clean drives of a class of noise begin, of which those at the others were learnt from, and drives
-#: of other vehicles, those for which a next drive is recommended, and those of what is not in the catalogue.
+#: And where sections begin that have seeds of their own.
 FIRST_ANEW = {
-    "soil-unlabelled": 103_000_000,
     "vehicles": 104_000_000,
     "next": 105_000_000,
     "removed": 106_000_000,
@@ -83,8 +81,7 @@ def jobs(section, number, first=FIRST):
     ones and further seeds.
     """
     for place, row in enumerate(_rows(section)):
-        anew = row.get("noise") if section == "clean" else section
-        begin = FIRST_ANEW.get(anew, first) if first == FIRST else first
+        begin = FIRST_ANEW.get(section, first) if first == FIRST else first
         often = 4 if row.get("course") == "rich" and row.get("size") == 1.0 else 1
         for drive in range(number * often):
             apart = 0 if section == "clean" else APART * place

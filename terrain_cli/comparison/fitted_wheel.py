@@ -74,7 +74,7 @@ class FittedWheel:
         columns = {name: at_rows(every[name], windows.rows) for name in every if name in read}
         self.channels = {name: column for name, column in columns.items() if np.isfinite(column).any()}
         self.ordered = samples.time is not None
-        told: dict[str, Any] = {name: getattr(settings, name) for name in ("fixed", "priors", "shared")}
+        told: dict[str, Any] = {"fixed": settings.fixed, "priors": settings.priors, "shared": settings.shared}
         self.fit: Fit = fit(
             model,
             self.geometry,
