@@ -141,6 +141,10 @@ def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # n
         return np.stack([column / size, one], axis=1) if own_offset else (column / size)[:, None]
     if form == "magnitude":
         return (np.abs(column) / size)[:, None] if low < 0.0 < high else None
+    if form == "quadratic" and _far_from_zero(column):
+        _, middle, _, spread = _range(column)
+        away = (column - middle) / spread
+        return np.stack([away**2, away, one] if own_offset else [away**2, away], axis=1)
     if form == "quadratic":
         return ((column / size) ** 2)[:, None]
     if form == "saturating":
@@ -165,6 +169,18 @@ def _spread(column: Array) -> float:
     return float(0.5 * (high - low)) or _size(column)
 
 
+def _range(column: Array) -> tuple[float, float, float, float]:
+    """Return between which values a driver usually is, their middle, and how far they are from it."""
+    low, high = (float(f"{value:.6g}") for value in np.nanquantile(column, [0.02, 0.98]))
+    return low, 0.5 * (low + high), high, _rounded(_spread(column))
+
+
+def _far_from_zero(column: Array) -> bool:
+    """Whether a driver is never near 0, which is then no natural middle of a law."""
+    low, _, high, spread = _range(column)
+    return low * high > 0.0 and min(abs(low), abs(high)) > spread
+
+
 def usual(changes: str, measured: Array) -> float:
     """Return how large a law may well be.
 
@@ -186,7 +202,7 @@ def _threshold(column: Array) -> float:
     return float(np.median(known))
 
 
-def write(  # noqa: C901 - one branch for each form
+def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
     changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
 ) -> Draft | None:
     """Write a draft of some usual size; None where the units of the driver do not allow the form."""
@@ -200,6 +216,7 @@ def write(  # noqa: C901 - one branch for each form
         size = _size(column)
     read = grammar.written(driver)
     parameters: dict[str, tuple[str, float, float]] = {}
+    bounds: dict[str, tuple[float, float]] = {}
     if form == "constant":
         term, parameters["a"] = "a", (own, 0.0, usual)
     elif form == "linear":
@@ -217,6 +234,12 @@ def write(  # noqa: C901 - one branch for each form
     elif form == "quadratic":
         squared = own if of in ("", "1") else f"{own}/{divisor}/{divisor}"
         term, parameters["a"] = f"a * {read}^2", (squared, 0.0, usual / size**2)
+        if column is not None and _far_from_zero(column):
+            low, middle, high, spread = _range(column)
+            term, parameters["a"] = f"a * ({read} - middle)^2", (squared, 0.0, _rounded(usual / spread**2))
+            parameters["middle"], bounds["middle"] = (of or "1", middle, spread), (low, high)
+            if shown:
+                term, parameters["b"] = f"{term} + b", (own, 0.0, usual)
     elif form == "saturating":
         term = f"a * tanh({read} / s)"
         parameters["a"] = (own, 0.0, usual)
@@ -232,7 +255,9 @@ def write(  # noqa: C901 - one branch for each form
     what = changes.replace("_", " ").capitalize()
     does = f"follows {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"
     columns = {driver: unit} if unit and is_column(driver) else {}
-    text = _text(name, f"{what} {does}", changes, law, parameters, [driver] if driver else [], columns)
+    text = _text(
+        name, f"{what} {does}", changes, law, parameters, [driver] if driver else [], columns, bounds
+    )
     try:
         effect = effect_file.parse(text)
     except TerrainError:
@@ -271,6 +296,7 @@ def _text(
     parameters: Mapping[str, tuple[str, float, float]],
     needs: Sequence[str],
     columns: Mapping[str, str],
+    bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> str:
     lines = [
         f"id = {toml_files.value(name)}",
@@ -289,4 +315,6 @@ def _text(
             f"null = {toml_files.value(null)}",
             f"scale = {toml_files.value(scale)}",
         ]
+        low_and_high = zip(("lower", "upper"), (bounds or {}).get(parameter, ()), strict=False)
+        lines += [f"{key} = {toml_files.value(bound)}" for key, bound in low_and_high]
     return "\n".join(lines) + "\n"

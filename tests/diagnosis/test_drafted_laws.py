@@ -1,5 +1,6 @@
 """Laws that are drafted: whatever they follow, a model can read."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,10 @@ from changed_models import ROVER, write_log
 from hidden_drives import Kind, windows_of
 
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import drafted_laws
+from terrain_cli.diagnosis import diagnose, drafted_laws
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
 from terrain_cli.telemetry import effect_inputs
 
 NOTHING = FitSettings({}, {}, (), None)
@@ -61,3 +63,37 @@ def test_a_model_takes_a_draft_on_the_rate_of_the_speed(terrain_est_here, tmp_pa
     done = terrain_est_here("model", "add", "model.toml", "law.toml", "-q", "--data", "log.csv")
     assert done.returncode == 0, done.stderr
     assert "torque-with-velocity-rate-linear" in done.stdout
+
+
+def test_a_law_with_its_least_in_the_middle_of_a_driver_far_from_zero_is_drafted():
+    """A board whose voltage wanders about 24 V shifts the zero of the sinkage either way."""
+    (windows,) = windows_of(78, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    voltage = 24.0 + 1.5 * np.sin(2.0 * np.pi * samples.time / 13.0)
+    channels = {
+        **samples.channels,
+        "ambient_light": voltage,
+        "sinkage": samples.channels["sinkage"] + 0.004 * (voltage - 23.7) ** 2,
+    }
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert found.verdict == "unknown"
+    assert (found.unknown.channel, found.unknown.driver) == ("sinkage", "ambient_light")
+    assert found.unknown.form == "quadratic"
+    assert found.unknown.explained > 0.95
+    lowest, highest = np.quantile(voltage, [0.02, 0.98])
+    middle = tomllib.loads(found.unknown.draft)["parameters"]["middle"]
+    assert (middle["lower"], middle["upper"]) == pytest.approx((lowest, highest), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("column", "law"),
+    [
+        (np.linspace(22.0, 26.0, 50), "torque + a * (supply - middle)^2 + b"),
+        (np.linspace(-26.0, -22.0, 50), "torque + a * (supply - middle)^2 + b"),
+        (np.linspace(0.1, 0.9, 50), "torque + a * supply^2"),
+        (np.linspace(-1.0, 4.0, 50), "torque + a * supply^2"),
+    ],
+)
+def test_a_square_is_about_zero_where_the_driver_comes_near_it(column, law):
+    draft = drafted_laws.write("torque", "supply", "quadratic", column, "V", usual=0.3)
+    assert draft.effect.laws["torque"].text == law
