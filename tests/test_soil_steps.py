@@ -92,3 +92,5 @@ def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here,
     assert added["pays"]
     sinkage = added["channels"]["sinkage"]
     assert sinkage["heldout_after"] < 0.5 * sinkage["heldout_before"]
+    compared = json.loads(said("compare", "passes.csv", "--model", "model.toml", *halves, "--json", "-q"))
+    assert added["conclusion"]["sentence"] == compared["conclusion"]["sentence"]

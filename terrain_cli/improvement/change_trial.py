@@ -134,7 +134,10 @@ def tried(
     progress("one soil or several")
     windows, told = _needed_soils(first, second, compared_after, action, before, after)
     if told:
-        first, second, _, compared_after = both(windows, None)
+        first, second, _, again = both(windows, None)
+        if _soils(again) > _soils(compared_after):
+            # `compare` joins soils as well, but finds no steps within them.
+            compared_after = again
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     # c and φ are those of the segments, however many soils the two models were compared on.
     first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
