@@ -204,3 +204,11 @@ def test_packages_name_only_modules_that_are_there():
 
 def _is_module(name):
     return any(module.rpartition(".")[2] == name for module in house())
+
+
+def test_no_file_holds_a_merge_that_was_not_settled():
+    files = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "man").iterdir()]
+    files += [path for top in ("tests", "benchmarks") for path in (ROOT / top).rglob("*.toml")]
+    assert len(files) > 40
+    open_ones = [path.name for path in files if re.search(r"(?m)^(<{7}|>{7}) ", path.read_text("utf-8"))]
+    assert open_ones == []

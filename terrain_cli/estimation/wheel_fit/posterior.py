@@ -176,15 +176,27 @@ def with_model_error(found: Posterior, local: Sequence[Unknown], share: Array) -
 
     However many samples there are, they do not tell the part of a misfit that c and tan φ take up: it is as
     likely to be as large as what they leave (model discrepancy; Kennedy & O'Hagan 2001, Journal of the Royal
-    Statistical Society B 63, 425). A torque that is off by a factor is taken up by both, by that factor.
+    Statistical Society B 63, 425). That is so along every way in which they may be off: their errors grow as
+    if all samples told of the misfit once.
     """
-    way = np.zeros_like(found.t)
-    for place, one in enumerate(local):
-        if one.name in {"cohesion", "tan_phi"}:
-            way[:, place] = share * one.value(found.t[:, place]) / one.slope(found.t[:, place])
-    added = way[:, :, None] * way[:, None, :]
-    own, t = no_wider(found.own + added, found.t)
-    return replace(found, own=own, t=t, by_model=added)
+    names = [one.name for one in local]
+    places = [names.index(name) for name in ("cohesion", "tan_phi") if name in names]
+    if not places:
+        return found
+    values = np.stack([local[place].value(found.t[:, place]) for place in places], axis=1)
+    slopes = np.stack([local[place].slope(found.t[:, place]) for place in places], axis=1)
+    known = found.own[:, places][:, :, places]
+    covariance = known * slopes[:, :, None] * slopes[:, None, :]
+    # The strength c + σ tan φ at the stress where it is known best.
+    along = np.ones_like(values)
+    along[:, 1:] = np.maximum(-covariance[:, :-1, -1] / covariance[:, -1:, -1], 0.0)
+    strength = np.sum(along * values, axis=1)
+    variance = np.einsum("wa,wab,wb->w", along, covariance, along)
+    times = (share * strength) ** 2 / variance
+    both = np.isin(np.arange(len(names)), places)
+    own = found.own * (1.0 + times[:, None, None] * np.outer(both, both))
+    own, t = no_wider(own, found.t)
+    return replace(found, own=own, t=t, by_model=own - found.own)
 
 
 def _surely(lasting: Array, number: Array) -> Array:
