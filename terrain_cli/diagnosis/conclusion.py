@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Diagnosis, UnknownEffect, Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Diagnosis, Verdict
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
 #: Channels to be recorded that a sentence names.
@@ -134,6 +134,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         noise_with=f"{listed(passed)} as it is with {first.effect}" if first and passed else "",
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
+        tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
         stretch=found.comparison.stretch,
         doubted=found.comparison.doubted,
         verdict=found.verdict,
@@ -145,7 +146,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         leaves=first is not None and leaves_much(found, first.heldout, noise),
         closest=max(likely)[1] if likely else "",
         together=found.together,
-        law=_law(law) if law else "",
+        law=law.law if law else "",
         draft=draft if law else "",
         refused=tuple(dict.fromkeys((*found.comparison.refused.names, *refused))),
         ended=found.comparison.refused.ended,
@@ -158,11 +159,6 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         fewer=fewer,
         steps=soils > segments,
     )
-
-
-def _law(law: UnknownEffect) -> str:
-    does = "is off by a constant and a factor" if law.driver == law.channel else f"follows {law.driver}"
-    return f"{law.channel} {does}".replace("_", " ") if law.driver else ""
 
 
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
@@ -183,7 +179,9 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
-        told = f"The model misses something: {size}, and {cause}.{first} Next: {command}"
+        # An effect may pass for the cause of what is no larger than noise.
+        verb = "may miss" if known and not above and not doubtful else "misses"
+        told = f"The model {verb} something: {size}, and {cause}.{first} Next: {command}"
         return Conclusion("explained", told, command, drive=drive)
     if found.small and not few:
         told = f"The model fits well enough: {found.small}, less than --smallest-share asks for."
@@ -269,6 +267,8 @@ def _unexplained(
         command = asked.added((found.closest,))
     else:
         why = "nothing that was recorded explains it beyond chance"
+        if found.tracked:
+            why = "it varies with what was recorded, but no effect explains it beyond chance"
         if found.steps:
             why = "the soil changes, as a note says, and nothing else explains as much of it beyond chance"
         why = f"{_too_few(found)} to show why" if few else why

@@ -135,6 +135,7 @@ class UnknownEffect:
     driver: str
     form: str  # Shape in which it follows: "linear", "saturating", "step", …
     explained: float  # Part of the misfit beyond noise
+    law: str  # What is off, and what it follows, in words
     sentence: str
     draft: str  # A TOML file of an effect that `model add` takes
     alternatives: tuple[str, ...] = ()  # Drivers of which this one is a function

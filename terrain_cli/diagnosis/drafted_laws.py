@@ -21,6 +21,7 @@ from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.effect import QUANTITIES
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -37,8 +38,10 @@ SHOWN = tuple(UNITS)
 _READ = ("load", "slip")
 SENSED = (*SHOWN, *_READ)
 IN_THE_GROUND = ("tan_phi", "cohesion", "stiffness", "shear_modulus")
-#: Drivers of which no law is made: place and clock stand for something else.
-_NO_CAUSE = frozenset({"time", "x", "y", "elevation", "longitude", "latitude", "torque", "drawbar_pull"})
+#: Drivers of which no law is made: these are predicted.
+_NO_CAUSE = frozenset({"torque", "drawbar_pull"})
+#: Place and clock stand for something else: a drifting sensor, a tether, a soil that varies.
+ALONG = frozenset({"time", "x", "y", "elevation", "longitude", "latitude"})
 #: Shapes, the plainest first.
 FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "periodic")
 ANGLE = "wheel_angle"
@@ -61,6 +64,22 @@ class Draft:
     form: str  # One of `FORMS`
     text: str
     effect: Effect
+
+    def in_words(self, same: Sequence[str] = (), form: str = "") -> str:
+        """Say what is off, and what it follows; to these data drivers in `same` are no others."""
+        what = self.changes if self.changes in SENSED else f"the soil's {self.changes}"
+        if self.of_sensor:
+            told = f"{what} is off by a constant{' and a factor' * bool(self.driver)}"
+        else:
+            several = "; these data cannot tell which" if same else ""
+            shape = f" ({form}{several})" if form else ""
+            told = f"{what} follows {listed([self.driver, *same], 'or')}{shape}"
+        return told.replace("tan_phi", "tan φ").replace("_", " ")
+
+    @property
+    def along(self) -> bool:
+        """Whether a soil that varies along the drive does much the same."""
+        return self.driver in ALONG and self.changes in SENSED
 
     @property
     def of_sensor(self) -> bool:

@@ -21,7 +21,6 @@ from terrain_cli.effects.laws import law_trial
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.telemetry.effect_inputs import sources
 from terrain_cli.vocabulary.channels import CHANNELS
-from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -153,6 +152,7 @@ def _plainest(tried: list[Tried], base: Refit) -> list[Tried]:
         near,
         key=lambda one: (
             one.draft.changes not in drafted_laws.SHOWN,
+            one.draft.driver in drafted_laws.ALONG,
             drafted_laws.FORMS.index(one.draft.form),
         ),
     )
@@ -180,8 +180,11 @@ def sensor(tried: Sequence[Tried], hypothesis: Hypothesis, effect: Refit) -> Tri
 
 def same_drivers(data: Ground, driver: str) -> tuple[str, ...]:
     """Name the drivers of which one is a function under every wheel: a law of it may be theirs."""
-    turning = driver == drafted_laws.ANGLE
-    return () if turning else functions_under_all(driver, map(drafted_laws.drivers, data.wheels))
+    if driver == drafted_laws.ANGLE:
+        return ()
+    # The angle grows with all that grows, and no law but a periodic one is made of it.
+    found = functions_under_all(driver, map(drafted_laws.drivers, data.wheels))
+    return tuple(name for name in found if name != drafted_laws.ANGLE)
 
 
 def verdict(
@@ -225,17 +228,15 @@ def _told(base: Refit, one: Tried, misfit: float, head: str, same: Sequence[str]
     draft = one.draft
     explained = float(np.clip((base.loss - one.refit.loss).sum() / misfit, 0.0, 1.0))
     channel = draft.changes if draft.changes in drafted_laws.SENSED else _channel(base, one)
-    drivers = listed([name.replace("_", " ") for name in (draft.driver, *same)], "or")
-    alike = "; these data cannot tell which" if same else ""
-    of_sensor = "is off by a constant" + (" and a factor" if draft.driver else "")
-    does = of_sensor if draft.of_sensor else f"follows {drivers} ({draft.form}{alike})"
-    what = channel.replace("_", " ")
+    does = draft.in_words(same, draft.form)
     return UnknownEffect(
         channel=channel,
         driver=draft.driver,
         form=draft.form,
         explained=explained,
-        sentence=f"{head}: {what} {does}, which accounts for {explained:.0%} of the misfit.",
+        law=draft.in_words(same) + ", or the soil varies along the drive" * draft.along,
+        sentence=f"{head}: {does}, which accounts for {explained:.0%} of the misfit."
+        + " A soil that varies along the drive looks much the same." * draft.along,
         draft=draft.text,
         alternatives=tuple(same),
     )

@@ -52,7 +52,7 @@ def on_fewer(
     if all(one is other for one, other in zip(wheels, cut.wheels, strict=True)):
         return cut, list(block)
     one = refits.ground(wheels, blocks, MOST_SAMPLES, cut)
-    if _stand_for_soils(one, blocks, cut, refits.refit(cut, None), hypotheses, progress):
+    if _stand_for_soils(one, blocks, cut, hypotheses, progress):
         return one, blocks
     return cut, list(block)
 
@@ -64,7 +64,7 @@ def on_more(
     if data.blocks < criteria.BLOCKS_OF_ALARM:
         return data, []
     found = _with_steps(data, block)
-    if found is None or _stand_for_soils(data, block, *found[:2], hypotheses, progress):
+    if found is None or _stand_for_soils(data, block, found[0], hypotheses, progress):
         return data, []
     return found[0], found[2]
 
@@ -107,7 +107,7 @@ def _ground(
 
 def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, list[str]] | None:
     """Cut windows where the soil steps; with the base on more soils, and where each of them begins."""
-    found, told = data, list[str]()
+    found, steps = data, list[tuple[int, int]]()
     plain = before = refits.refit(data, None)
     for _ in range(criteria.MOST_STEPS):
         places = [_best(found, index) for index in range(len(found.wheels))]
@@ -125,22 +125,21 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
         if not refit_ranking.beats(after, before):
             break
         found, before = cut, after
-        told.append(_where(found.wheels[index], sample))
-    if not told or not _share(data, plain, before) > criteria.STEPS_SHARE:
+        steps.append((index, sample))
+    if not steps or not _share(data, plain, before) > criteria.STEPS_SHARE:
         return None
-    return found, before, told
+    return found, before, [_where(found.wheels[index], sample) for index, sample in sorted(steps)]
 
 
 def _stand_for_soils(
     one: Ground,
     block: Sequence[Index],
     cut: Ground,
-    several: Refit,
     hypotheses: Sequence[Hypothesis],
     progress: Callable[[str], None],
 ) -> bool:
     """Tell whether fewer soils, with some effect or none, predict as well as several."""
-    plain = refits.refit(one, None)
+    plain, several = refits.refit(one, None), refits.refit(cut, None)
     if refit_ranking.as_good(plain, several):
         return True
     gap = float((plain.loss - several.loss).sum())
@@ -148,7 +147,12 @@ def _stand_for_soils(
         progress(f"fewer soils and {hypothesis.id}")
         found = refits.refit(one, hypothesis)
         taken = float((plain.loss - found.loss).sum())
-        if refit_ranking.as_good(found, several) or taken > criteria.STANDS_FOR_SOILS * gap:
+        if not refit_ranking.as_good(found, several) and taken <= criteria.STANDS_FOR_SOILS * gap:
+            continue
+        # What else is missing an effect takes off as well: then it does so on several soils too.
+        both = refits.refit(cut, hypothesis)
+        left = float((found.loss - both.loss).sum())
+        if refit_ranking.as_good(found, both) or left < (1.0 - criteria.STANDS_FOR_SOILS) * gap:
             return True
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
     if fewer >= criteria.SOILS_OF_A_LAW:

@@ -97,3 +97,21 @@ def test_a_law_with_its_least_in_the_middle_of_a_driver_far_from_zero_is_drafted
 def test_a_square_is_about_zero_where_the_driver_comes_near_it(column, law):
     draft = drafted_laws.write("torque", "supply", "quadratic", column, "V", usual=0.3)
     assert draft.effect.laws["torque"].text == law
+
+
+@pytest.mark.parametrize(
+    ("changes", "driver", "same", "words"),
+    [
+        ("drawbar_pull", "yaw_rate", (), "drawbar pull follows yaw rate"),
+        ("drawbar_pull", "x", ("time",), "drawbar pull follows x or time"),
+        ("slip", "slip", (), "slip is off by a constant and a factor"),
+        ("torque", "", (), "torque is off by a constant"),
+        ("tan_phi", "humidity", (), "the soil's tan φ follows humidity"),
+        # What the law changes is said, not in which channel it shows most.
+        ("stiffness", "sinkage", (), "the soil's stiffness follows sinkage"),
+    ],
+)
+def test_a_law_in_a_few_words(changes, driver, same, words):
+    draft = drafted_laws.Draft(changes, driver, "step", "", None)
+    assert draft.in_words(same) == words
+    assert draft.along == (driver == "x")
