@@ -46,10 +46,9 @@ class Evidence:
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
     share: float = math.nan  # Of the misfit, that any of them explains at the most
     leaves: bool = False  # The best of them leaves much of an error, beyond the noise
-    closest: str = (
-        ""  # Where the alarm is silent: an effect that explains most of the misfit, by chance or not
-    )
+    closest: str = ""  # Where the alarm is silent: an effect that explains most, by chance or not
     together: tuple[str, ...] = ()  # Two that belong together
+    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that predict as well
     law: str = ""  # What follows which driver, where no effect explains what is left
     draft: str = ""  # File of that law, if it was written
     refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
@@ -146,6 +145,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         leaves=first is not None and leaves_much(found, first.heldout, noise),
         closest=max(likely)[1] if likely else "",
         together=found.together,
+        together_or=found.together_or,
         law=law.law if law else "",
         draft=draft if law else "",
         refused=tuple(dict.fromkeys((*found.comparison.refused.names, *refused))),
@@ -179,7 +179,6 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
-        # An effect may pass for the cause of what is no larger than noise.
         verb = "may miss" if known and not above and not doubtful else "misses"
         told = f"The model {verb} something: {size}, and {cause}.{first} Next: {command}"
         return Conclusion("explained", told, command, drive=drive)
@@ -337,7 +336,11 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
             "diagnose", "--draft", asked.law
         )
     if found.together:
-        return f"{listed(found.together)} together explain it best", asked.added(found.together)
+        cause = f"{listed(found.together)} together explain it best"
+        if found.together_or:
+            pairs = [" with ".join(pair) for pair in (found.together, *found.together_or)]
+            cause = f"{listed(pairs, 'or')} explains it; these data cannot tell which"
+        return cause, asked.added(found.together)
     # In words: the table has shares of another loss, by which the effects are ranked.
     part = "most of it" if found.leaves or found.share < 1.0 - criteria.DRAFT_LEFT else "it"
     part = "a part of it" if found.share < criteria.STEPS_SHARE else part

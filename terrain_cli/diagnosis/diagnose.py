@@ -91,6 +91,7 @@ def diagnose(
             not_testable=list(log.not_testable),
             warnings=list(log.comparison.warnings),
             together=decision.together,
+            together_or=two.rivals if decision.together == two.ids else (),
             unrecorded=screening.unrecorded(case.effects, log.data.wheels),
             heldout=steps.as_it_is(ranked.log),
             soils=_soils(ranked.log),

@@ -98,7 +98,11 @@ SCORE_WORTH = criterion(
     "on 52 drives, two for each effect (0.7 and 1.6 of full size), fitting all effects gave the same "
     "verdict, family and name",
 )
-SMALL_REST = criterion(0.05, "share of what an effect explains that may still follow the drive afterwards")
+SMALL_REST = criterion(
+    0.05,
+    "share of what an effect explains that may still follow the drive afterwards, or by which another pair of "
+    "effects may explain less and still be what is there",
+)
 STANDS_FOR_SOILS = criterion(
     0.8, "an effect replaces several soils if it removes this share of what they remove"
 )

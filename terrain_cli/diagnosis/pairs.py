@@ -70,19 +70,28 @@ def best(
 
 def told(
     fitted: Sequence[tuple[Hypothesis, Refit]], others: Sequence[Refit], name: str
-) -> tuple[tuple[str, ...], bool]:
+) -> tuple[tuple[str, ...], bool, tuple[tuple[str, ...], ...]]:
     """Return two effects that explain more than anything else, if a name that is clear is none of them.
 
     An effect that imitates two others well leaves little, but those two leave less. One that leaves little
     because it is there, though not in the form of the catalogue or not alone, goes best with another. The
-    second value: they explain more than the name does with any other, beyond chance.
+    second value: they explain more than the name does with any other, beyond chance. The third: the other
+    pairs that take nearly as much off what one alone leaves.
     """
     if not fitted or name in _ids(fitted[0][0]):
-        return (), False
+        return (), False, ()
     pair, refit = fitted[0]
     if not all(refit_ranking.beats(refit, one) for one in others):
-        return (), False
-    return _ids(pair), all(refit_ranking.beats(refit, one) for other, one in fitted if name in _ids(other))
+        return (), False, ()
+    is_best = all(refit_ranking.beats(refit, one) for other, one in fitted if name in _ids(other))
+    # A law is never quite that of the catalogue: what is nearly as good may be the truth.
+    gained = min(float((one.loss - refit.loss).sum()) for one in others)
+    near = [(other, float((one.loss - refit.loss).sum())) for other, one in fitted[1:]]
+    return (
+        _ids(pair),
+        is_best,
+        tuple(_ids(other) for other, left in near if left < criteria.SMALL_REST * gained),
+    )
 
 
 def _ids(pair: Hypothesis) -> tuple[str, ...]:

@@ -89,6 +89,7 @@ class Two:
 
     ids: tuple[str, ...] = ()
     is_best: bool = False
+    rivals: tuple[tuple[str, ...], ...] = ()  # Other pairs that predict as well
     fitted: list[Fitted] = field(default_factory=list)
 
 
@@ -232,8 +233,8 @@ def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:
         return Two()
     fitted = pairs.best(ranked.data, ranked.log, ranked.several, case.progress, found.name)
     others = [ranked.best, *(one.refit for one in ranked.drafts[:1])]
-    ids, is_best = pairs.told(fitted, others, found.name)
-    return Two(ids=ids, is_best=is_best, fitted=fitted)
+    ids, is_best, rivals = pairs.told(fitted, others, found.name)
+    return Two(ids=ids, is_best=is_best, rivals=rivals, fitted=fitted)
 
 
 def on_full_stresses(case: Case, ranked: Ranked, two: Two) -> list[Fitted]:

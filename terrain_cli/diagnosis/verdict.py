@@ -115,6 +115,9 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     if diagnosis.together:
         both = listed(diagnosis.together)
         both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
+        if diagnosis.together_or:
+            pairs = listed([" with ".join(pair) for pair in diagnosis.together_or], "or")
+            both += f" So may {pairs}: these data cannot tell."
         better = f" {both}"
         if first.effect == STRESSES == diagnosis.together[0]:
             return f"{told} together with {listed(others, 'or')} explain more than any effect alone."

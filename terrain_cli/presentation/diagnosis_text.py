@@ -45,7 +45,7 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
             for name, errors in comparison.channels.items()
         },
         "alarm": entries(diagnosis.alarm, *_ALARM),
-        **entries(diagnosis, "verdict", "effect", "family", "together"),
+        **entries(diagnosis, "verdict", "effect", "family", "together", "together_or"),
         "candidates": [
             {**_candidate(one, comparison.channels), "ranked_by": ranked}
             for one, ranked in zip(diagnosis.candidates, ranked_by(diagnosis.candidates), strict=True)
@@ -193,6 +193,8 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     ]
     table = [head, ["  " + base[0], *base[1:]]]
     if diagnosis.heldout:
-        table.append(["  (as it is, soils as below)", "", "", *errors(diagnosis.heldout), ""])
+        table.append(
+            ["  (as it is, with the soils of the rows below)", "", "", *errors(diagnosis.heldout), ""]
+        )
     table += rows
     return ["held-out error with each effect:", *aligned(table), _LEGEND]

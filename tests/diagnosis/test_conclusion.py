@@ -487,6 +487,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         unknown=None,
         family=names,
         together=(),
+        together_or=(),
         candidates=[
             SimpleNamespace(effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.6}, noise={})
             for name, doubt in zip(names, doubts, strict=True)
@@ -532,6 +533,7 @@ def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
         unknown=None,
         family=("sensor-lag",),
         together=(),
+        together_or=(),
         candidates=[
             SimpleNamespace(
                 effect="sensor-lag", doubt="", explained=0.9, heldout={"torque": 2.0}, noise={"torque": noise}

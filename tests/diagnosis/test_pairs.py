@@ -57,17 +57,19 @@ def test_they_are_added_together_and_stay(wheels, found):
 
 
 PAIR = ("slip-sinkage", "slope")
+OTHER = ("max-stress-angle", "sensor-lag")
 
 
 @pytest.mark.parametrize(
     ("pair_loss", "with_name", "name", "told"),
     [
-        (800.0, 950.0, "", (PAIR, True)),
-        (800.0, 950.0, "max-stress-angle", (PAIR, True)),  # it imitated both
-        (800.0, 801.0, "max-stress-angle", (PAIR, False)),  # or it may be one of two
-        (800.0, 790.0, "max-stress-angle", ((), False)),  # it is one of two
-        (800.0, 950.0, "slope", ((), False)),  # it is there, in another form than the catalogue's
-        (995.0, 1005.0, "", ((), False)),  # within chance of what else there is
+        (800.0, 950.0, "", (PAIR, True, ())),
+        (800.0, 801.0, "", (PAIR, True, (OTHER,))),  # these data cannot tell
+        (800.0, 950.0, "max-stress-angle", (PAIR, True, ())),  # it imitated both
+        (800.0, 801.0, "max-stress-angle", (PAIR, False, (OTHER,))),  # or it may be one of two
+        (800.0, 790.0, "max-stress-angle", ((), False, ())),  # it is one of two
+        (800.0, 950.0, "slope", ((), False, ())),  # it is there, in another form than the catalogue's
+        (995.0, 1005.0, "", ((), False, ())),  # within chance of what else there is
     ],
 )
 def test_a_pair_replaces_a_name_that_is_none_of_it(pair_loss, with_name, name, told):
@@ -78,14 +80,14 @@ def test_a_pair_replaces_a_name_that_is_none_of_it(pair_loss, with_name, name, t
 
     several = [
         fitted(pair_loss, 1, *PAIR),
-        fitted(with_name, 2, "max-stress-angle", "sensor-lag"),
+        fitted(with_name, 2, *OTHER),
     ]
     several.sort(key=lambda one: one[1].loss.sum())
     assert pairs.told(several, [fitted(1000.0, 3)[1]], name) == told
 
 
 def test_without_a_pair_nothing_is_told():
-    assert pairs.told([], [], "") == ((), False)
+    assert pairs.told([], [], "") == ((), False, ())
 
 
 @pytest.mark.parametrize(
