@@ -84,7 +84,7 @@ _FILE = toml_files.table(
             }
         ),
         "wheels": toml_files.number("a number of wheels, from 1 to 20", 1, 20, whole=True),
-        "load": toml_files.number("a load in N, from 0.1 to 1e5", 0.1, 1e5),
+        "load": toml_files.number("a load in N, from 0.01 to 1e7", 0.01, 1e7),
         "speed": toml_files.number("a speed in m/s, from 0.001 to 10", 0.001, 10.0),
         "gravity": toml_files.number("a positive number of m/s²", toml_files.ABOVE_ZERO),
         "rate": _RATE,
