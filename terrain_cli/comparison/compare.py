@@ -132,6 +132,11 @@ def of_fitted(
         if not np.isfinite(levels[name])
     ]
     warnings += _unpredicted(fitted)
+    warnings += [
+        f"{one.windows.samples.source}: {the_wheel(one.windows.samples.wheel)}: {text}"
+        for one in fitted
+        for text in one.fit.impossible(one.settings.fixed)
+    ]
     progress("predicting blocks left out")
     compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(

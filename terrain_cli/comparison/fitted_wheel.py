@@ -20,7 +20,6 @@ from terrain_cli.comparison import (
 )
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-from terrain_cli.mechanics.effect import mean_load
 from terrain_cli.windows.cut_windows import at_rows, by_terrain
 
 if TYPE_CHECKING:
@@ -86,8 +85,7 @@ class FittedWheel:
             given="sinkage" if "sinkage" in self.channels else "load",
             correlated=self.ordered,
         )
-        #: Load in N and radius in m, with which forces and torques grow.
-        self.under = mean_load(self.channels), self.geometry.radius
+        self.under = self.fit.under
         sought = unknowns(model, **told, windows=len(windows), under=self.under)
         self.seek(sought)
         self.parameters = self._parameters(settings)

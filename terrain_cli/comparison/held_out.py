@@ -69,7 +69,7 @@ def predict(
             move = np.clip(moved[cell[rows], column], -width, width)
             found[name] = found[name] * np.exp(move) if name in wheel.logarithmic else found[name] + move
             if name in wheel.model.parameters:
-                own = wheel.model.parameters[name]
+                own = wheel.model.parameters[name].under(*wheel.under)
                 found[name] = np.clip(found[name], own.lower, own.upper)
         if "sinkage_exponent" in found:
             found["sinkage_exponent"] = np.maximum(found["sinkage_exponent"], 0.1)

@@ -209,7 +209,7 @@ def usual(changes: str, measured: Array) -> float:
         return _OF_SOIL
     known = measured[np.isfinite(measured)]
     size = float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
-    return _rounded(max(_USUAL[changes], _PART * size))
+    return max(_USUAL[changes], _PART * size)
 
 
 def _threshold(column: Array) -> float:
@@ -242,9 +242,9 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
         term, parameters["a"] = f"a * {read}", (per, 0.0, usual / size)
         if shown and column is not None:
             # Of what is never near 0 the slope and the offset are large, and nearly cancel.
-            slope = _rounded(usual / _spread(column))
+            slope = usual / _spread(column)
             parameters["a"] = (per, 0.0, slope)
-            term, parameters["b"] = f"{term} + b", (own, 0.0, _rounded(max(usual, slope * size)))
+            term, parameters["b"] = f"{term} + b", (own, 0.0, max(usual, slope * size))
     elif form == "periodic":
         term = f"a * sin({read}) + b * cos({read})"
         parameters["a"] = parameters["b"] = (own, 0.0, usual)
@@ -262,7 +262,7 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
     elif form == "saturating":
         term = f"a * tanh({read} / s)"
         parameters["a"] = (own, 0.0, usual)
-        parameters["s"] = (of or "1", _rounded(_BEND * size), _rounded(_BEND * size))
+        parameters["s"] = (of or "1", _rounded(_BEND * size), _BEND * size)
     else:
         assert column is not None  # noqa: S101 - a step is of a driver
         at = _rounded(_threshold(column)) or 1e-12
@@ -332,7 +332,7 @@ def _text(
             f"[parameters.{parameter}]",
             f"unit = {toml_files.value(unit)}",
             f"null = {toml_files.value(null)}",
-            f"scale = {toml_files.value(scale)}",
+            f"scale = {toml_files.value(_rounded(scale))}",
         ]
         low_and_high = zip(("lower", "upper"), (bounds or {}).get(parameter, ()), strict=False)
         lines += [f"{key} = {toml_files.value(bound)}" for key, bound in low_and_high]

@@ -123,7 +123,7 @@ def on_full_stresses(
     good.sort(key=lambda pair: float(pair[1].loss.sum()))
     best = good[0][1]
     return sorted(
-        good, key=lambda pair: (not refit_ranking.as_good(pair[1], best), refit_ranking.at_bounds(*pair))
+        good, key=lambda pair: (not refit_ranking.as_good(pair[1], best), pair[1].at_bound(pair[0]))
     )
 
 

@@ -44,12 +44,6 @@ def as_good(one: Refit, other: Refit) -> bool:
     return float(difference.sum()) <= comparison_criteria.AS_GOOD * error(difference)
 
 
-def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether a parameter of an effect ran to the end of what it can be."""
-    sizes = {name: parameter for name, parameter in hypothesis.parameters.items() if not parameter.shape}
-    return any(name in sizes and sizes[name].at_bound(value) for name, value in one.common())
-
-
 def imitates(data: Ground, hypothesis: Hypothesis, one: Refit, errors: float = CERTAIN) -> bool:
     """Tell whether an effect went to where nature has none, by so many errors: friction that drives, say."""
     bounded = [effect for effect in hypothesis.effects if effect.limits]
@@ -59,7 +53,7 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit, errors: float = C
         _, covariance = smoothed_fit.covariance(part, solution)
         fitted = zip(solution.unknowns.shared, solution.common, strict=True)
         values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
-        wheels.append((values, covariance, wheel.channels))
+        wheels.append((values, covariance, wheel.channels, wheel.under))
     return any(any(effect.imitations(wheels, errors, criteria.DRAFT_LEFT)) for effect in bounded)
 
 
@@ -79,7 +73,7 @@ def doubt(data: Ground, hypothesis: Hypothesis, one: Refit) -> str:
     """Say why the size of an effect is not to be believed; nothing if it is."""
     if imitates(data, hypothesis, one):
         return "physically impossible"
-    if at_bounds(hypothesis, one):
+    if one.at_bound(hypothesis):
         return "at its bound"
     return "left open by the data" if left_open(data, hypothesis, one) else ""
 

@@ -72,11 +72,11 @@ class Refit:
     loss: Array  # shape (blocks,): sum over the block
     heldout: dict[str, float]  # Channel → root mean square of the held-out error, SI
 
-    def common(self) -> Iterator[tuple[str, float]]:
-        """Yield the parameters that all windows of a wheel have in common, wheel by wheel."""
-        for solution in self.solutions:
-            for unknown, place in zip(solution.unknowns.shared, solution.common, strict=True):
-                yield unknown.name, float(unknown.value(place))
+    def at_bound(self, hypothesis: Hypothesis, *, shape: bool = False) -> bool:
+        """Tell whether a parameter of an effect, or of its `shape`, ran to the end of what it can be."""
+        fitted = (one for s in self.solutions for one in zip(s.unknowns.shared, s.common, strict=True))
+        own = ((u.own, u.value(t)) for u, t in fitted if u.name in hypothesis.parameters)
+        return any(p is not None and p.shape == shape and p.at_bound(float(value)) for p, value in own)
 
 
 def ground(
@@ -204,7 +204,7 @@ def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:
     With the shape held the search is plain: it is let go from the best of several, if that is better.
     """
     shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape}
-    if not any(name in shapes and shapes[name].at_bound(value) for name, value in one.common()):
+    if not one.at_bound(hypothesis, shape=True):
         return one
     tried = [one]
     channels = [wheel.channels for wheel in data.wheels]
@@ -268,20 +268,20 @@ def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[
 def _beginnings(
     sought: Unknowns, common: Array, hypothesis: Hypothesis, channels: Mapping[str, Array]
 ) -> Iterator[Array]:
-    place = {u.name: j for j, u in enumerate(sought.shared)}
-    shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape and name in place}
+    there = {u.name for u in sought.shared}
+    shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape and name in there}
     if not shapes:
         yield common
         return
     for values in product(*(p.tried([channels]) for p in shapes.values())):
         at = dict(zip(shapes, values, strict=True))
         begun = common.copy()
-        for name, p in hypothesis.parameters.items():
-            if name not in place:
+        for j, unknown in enumerate(sought.shared):
+            p = unknown.own
+            if p is None or unknown.name not in hypothesis.parameters:
                 continue
-            value = at.get(name, p.null + 0.3 * p.scale)
-            unknown = sought.shared[place[name]]
-            begun[place[name]] = (np.clip(value, p.lower, p.upper) - unknown.mean) / unknown.sd
+            value = at.get(unknown.name, p.null + 0.3 * p.scale)
+            begun[j] = (np.clip(value, p.lower, p.upper) - unknown.mean) / unknown.sd
         yield begun
 
 

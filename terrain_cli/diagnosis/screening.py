@@ -389,11 +389,10 @@ def _add(
         surviving = max(surviving, float(part.scores.surviving[use].max()))
         for column, moved, variance in zip(use, change, np.diag(covariance), strict=True):
             name = group.names[int(column - group.columns[0])]
-            parameter = one.model.parameters[name]
-            typical = parameter.typical(*part.under)
+            parameter = one.model.parameters[name].under(*part.under)
             sizes[parameter.name] = Size(
-                (parameter.null + moved * typical) / parameter.factor,
-                float(np.sqrt(variance)) * typical / parameter.factor,
+                (parameter.null + moved * parameter.scale) / parameter.factor,
+                float(np.sqrt(variance)) * parameter.scale / parameter.factor,
                 parameter.unit,
             )
     found.scores[one.id], found.p_values[one.id] = score, p_value

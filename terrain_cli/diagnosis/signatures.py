@@ -142,7 +142,7 @@ def _tables(
 
     with np.errstate(all="ignore"):
         found = derivatives(model, wheel.geometry, channels, parameters, names)
-    scales = np.array([model.parameters[name].typical(*wheel.under) for name in names])
+    scales = np.array([model.parameters[name].under(*wheel.under).scale for name in names])
     return {channel: table * scales for channel, table in found.items()}
 
 

@@ -19,7 +19,6 @@ from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
-from terrain_cli.mechanics.effect import mean_load
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.quantities import counted, listed
 from terrain_cli.windows import joined_inputs
@@ -239,8 +238,6 @@ def _estimated(
 ) -> Estimated:
     """Return a parameter, or the sum of several, in the unit of the model file."""
     factor = file.factor(names[0])
-    used = {"load": wheel.samples.channels["load"][wheel.windows.rows]}
-    under = mean_load(used), wheel.samples.geometry.radius
     determined = not any(bool(wheel.fit.undetermined[name].all()) for name in names)
     own = wheel.fit.model.parameters.get(names[0]) if len(names) == 1 else None
     sums = [(effect, one) for effect in file.model.effects for one in effect.sums if len(names) > 1]
@@ -253,19 +250,17 @@ def _estimated(
         value=value / factor,
         se=se / factor,
         determined=determined,
-        remark=remark(own, value, determined=determined, under=under),
+        remark=remark(own and own.under(*wheel.fit.under), value, determined=determined),
     )
 
 
-def remark(
-    own: Parameter | None, value: float, *, determined: bool, under: tuple[float, float] = (0.0, 0.0)
-) -> str:
-    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, if it is one."""
+def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
+    """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, under this wheel."""
     if own is not None and own.at_bound(value):
         return "at its bound"
     if not determined:
         return "the data leave it open"
-    usual = abs(value - own.null) / own.typical(*under) if own is not None else 0.0
+    usual = abs(value - own.null) / own.scale if own is not None else 0.0
     return f"{usual:.0f} times its usual size" if usual > EFFECT_SCALES else ""
 
 
@@ -274,7 +269,7 @@ def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) 
     fits = []
     for one in comparison.wheels:
         used = {name: column[one.windows.rows] for name, column in one.samples.channels.items()}
-        fits.append((one.fit.shared, one.fit.shared_covariance, used))
+        fits.append((one.fit.shared, one.fit.shared_covariance, used, one.fit.under))
     for effect in file.model.effects:
         found = effect.imitations(fits, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
         for place, names, value, error in found if effect.id in changed else ():

@@ -48,8 +48,10 @@ Law = Callable[[Quantities], Any]
 
 #: Standard errors from its null at which a parameter is on the wrong side of it.
 CERTAIN = 3.0
-#: Load in N and radius in m of the wheel of Iagnemma et al. (2004), under which typical sizes are typical.
-_PAPER_LOAD, _PAPER_RADIUS = 98.1, 0.1
+#: Load in N and radius in m of the wheel of Iagnemma et al. (2004), for which sizes of parameters are told.
+_PAPER_WHEEL = (98.1, 0.1)
+#: Those that no wheel exceeds: a haul truck has 1e6 N on each, of a radius of 2 m.
+_LARGEST_WHEEL = (1e7, 5.0)
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
 #: Multiples of its null at which a parameter that only shapes an effect is tried.
@@ -105,7 +107,7 @@ class Parameter:
     null : float
         The value at which the effect is absent.
     scale : float
-        A typical size, as a distance from `null`; positive. Of a force or a torque, as `typical` says.
+        A typical size, as a distance from `null`; positive.
     meaning : str
         In a few words.
     lower, upper : float
@@ -125,6 +127,10 @@ class Parameter:
         it imitates something else.
     along : str
         Channel within whose range alone a parameter that only shapes the effect shows.
+    grows : tuple of float
+        Powers of the wheel's load and radius with which `scale` and bounds grow, see `under`.
+    absolute : bool
+        Whether the bounds do not grow: they are those of every wheel.
     """
 
     name: str
@@ -141,12 +147,25 @@ class Parameter:
     skids: bool = False
     side: int = 0
     along: str = ""
+    grows: tuple[float, ...] = (0.0, 0.0)
+    absolute: bool = False
 
-    def typical(self, load: float, radius: float) -> float:
-        """Return a typical size under a load, N, on a wheel of a radius, m: it grows with the wheel's own."""
-        larger, wider = max(load / _PAPER_LOAD, 1.0), max(radius / _PAPER_RADIUS, 1.0)
-        powers = {"N m": larger * wider, "N": larger, "kg m^2": larger * wider**2}
-        return self.scale * next((powers[unit] for unit in powers if self.unit.startswith(unit)), 1.0)
+    def under(self, load: float, radius: float) -> Parameter:
+        """Return the parameter with the scale and bounds that it has under a load, N, on a radius, m.
+
+        They are told for the wheel of the paper. Under one with more load or a larger radius they grow; under
+        a smaller one they stay, where they are only wider than they need to be.
+        """
+        sizes = zip((load, radius), _PAPER_WHEEL, self.grows, strict=True)
+        larger = math.prod(max(own / usual, 1.0) ** power for own, usual, power in sizes)
+        reach = 1.0 if self.absolute else larger
+        low, high = (self.null + reach * (end - self.null) for end in (self.lower, self.upper))
+        return self if larger == 1.0 else replace(self, scale=larger * self.scale, lower=low, upper=high)
+
+    @property
+    def anywhere(self) -> Parameter:
+        """The parameter as it may be under some wheel."""
+        return self.under(*_LARGEST_WHEEL)
 
     def tried(self, several: Sequence[Mapping[str, Any]]) -> tuple[float, ...]:
         """Return the values, SI, at which what it shapes is tried on the channels of some wheels."""
@@ -299,12 +318,16 @@ class Effect:
         return f"{self.id}.{parameter.name}"
 
     def limited(
-        self, values: Mapping[str, float], covariance: Any, channels: Mapping[str, Any]
+        self,
+        values: Mapping[str, float],
+        covariance: Any,
+        channels: Mapping[str, Any],
+        under: tuple[float, float] = (0.0, 0.0),
     ) -> Iterator[tuple[tuple[str, ...], Parameter | Sum, float, float]]:
         """Yield what nature bounds: parameters that are added up, the bound, and the sum with its error.
 
         `values` are what was fitted, by qualified names, SI, with their `covariance`, to a wheel with such
-        `channels`.
+        `channels`, of which `under` are the load, N, and the radius, m.
         """
         places = {name: place for place, name in enumerate(values)}
         for short, limit in self.limits:
@@ -320,11 +343,12 @@ class Effect:
                 variance = sum(v * w * float(covariance[i][j]) for i, v in own for j, w in own)
                 ends.append((value, math.sqrt(max(variance, 0.0))))
             worst = max(ends, key=lambda end: max(limit.lower - end[0], end[0] - limit.upper))
-            yield tuple(known.values()), limit, *worst
+            bound = limit.under(*under) if isinstance(limit, Parameter) else limit
+            yield tuple(known.values()), bound, *worst
 
     def imitations(
         self,
-        wheels: Iterable[tuple[Mapping[str, float], Any, Mapping[str, Any]]],
+        wheels: Iterable[tuple[Any, ...]],
         errors: float = CERTAIN,
         least: float = 0.0,
     ) -> Iterator[tuple[int, tuple[str, ...], float, float]]:

@@ -181,17 +181,18 @@ def parameter(model: Model, name: str, value: Any, place: str = "") -> float:
     """Check a value, in the unit of a parameter with a qualified name; return it in SI units."""
     place = place or name
     _known(name, (*model.soil, *model.parameters), place)
-    low, high = _bounds(model, name)
-    return _within(model, name, value, place, "a number", low, high)
+    return _within(model, name, value, place, "a number", *_bounds(model, name)[1])
 
 
-def _bounds(model: Model, name: str) -> tuple[float, float]:
-    """Return the least and the greatest value that a parameter may have, in SI units."""
-    own = model.parameters.get(name)
-    if own is None:
-        return SOIL_BOUNDS[name]
-    farthest = EFFECT_SCALES * own.scale
-    return max(own.lower, own.null - farthest), min(own.upper, own.null + farthest)
+def _bounds(model: Model, name: str) -> list[tuple[float, float]]:
+    """Return the least and the greatest value of a parameter in SI, under a small wheel and under any."""
+    if name not in model.parameters:
+        return 2 * [SOIL_BOUNDS[name]]
+    own = model.parameters[name]
+    return [
+        (max(p.lower, p.null - EFFECT_SCALES * p.scale), min(p.upper, p.null + EFFECT_SCALES * p.scale))
+        for p in (own, own.anywhere)
+    ]
 
 
 def _within(model: Model, name: str, value: Any, place: str, what: str, low: float, high: float) -> float:
@@ -217,10 +218,10 @@ def _prior(model: Model, name: str, value: Any, place: str) -> Prior:
     _known(name, (*model.soil, *model.parameters), place)
     values = _PRIOR(value, place)
     toml_files.require(values, place, "mean", "sd")
-    low, high = _bounds(model, name)
-    least, most = (share * (high - low) for share in PRIOR_SHARES)
+    bounds = _bounds(model, name)
+    least, most = (share * (high - low) for share, (low, high) in zip(PRIOR_SHARES, bounds, strict=True))
     return Prior(
-        _within(model, name, values["mean"], f"{place}.mean", "a number", low, high),
+        _within(model, name, values["mean"], f"{place}.mean", "a number", *bounds[1]),
         _within(model, name, values["sd"], f"{place}.sd", "a standard deviation", least, most),
     )
 

@@ -50,6 +50,7 @@ def _parameter(parameter: Parameter) -> dict[str, Any]:
         "shape": parameter.shape,
         "needs": list(parameter.needs),
         "skids": parameter.skids,
+        "grows": dict(zip(("load", "radius"), parameter.grows, strict=True)),
     }
 
 
@@ -151,11 +152,15 @@ def _parameters(effect: Effect) -> list[str]:
     rows = []
     for parameter in effect.parameters:
         numbers = ["" if n is None else f"{n:.6g}" for n in _numbers(parameter).values()]
+        powers = zip("Wr", parameter.grows, strict=True)
+        grows = " ".join(of if power == 1.0 else f"{of}^{power:g}" for of, power in powers if power)
         remarks = [
             parameter.meaning,
             "shapes the others' influence" * parameter.shape,
             f"needs {', '.join(parameter.needs)}" * bool(parameter.needs),
             "shows on a skidding wheel alone" * parameter.skids,
+            f"beyond 98 N or r = 0.1 m scale and bounds grow as {grows}"
+            * bool(grows and not parameter.absolute),
         ]
         rows.append((parameter.name, parameter.unit, *numbers, "; ".join(filter(None, remarks))))
     lines = aligned([header, *rows])

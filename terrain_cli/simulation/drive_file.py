@@ -84,7 +84,7 @@ _FILE = toml_files.table(
             }
         ),
         "wheels": toml_files.number("a number of wheels, from 1 to 20", 1, 20, whole=True),
-        "load": toml_files.number("a load in N, from 0.1 to 1e5", 0.1, 1e5),
+        "load": toml_files.number("a load in N, from 0.01 to 1e7", 0.01, 1e7),
         "speed": toml_files.number("a speed in m/s, from 0.001 to 10", 0.001, 10.0),
         "gravity": toml_files.number("a positive number of m/s²", toml_files.ABOVE_ZERO),
         "rate": _RATE,
@@ -133,18 +133,18 @@ def read(
 
 
 def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path) -> Scenario:
-    base, effects = _model(content, folder)
+    wheel = {**WHEEL, **content.get("wheel", {})}
+    under = content.get("load", LOADS[0]), wheel["radius"]
+    base, effects = _model(content, folder, under)
     for name, given in content.get("effects", {}).items():
-        chosen = choose(name, given, f"{places_of['effects']}: effects")
+        chosen = choose(name, given, f"{places_of['effects']}: effects", under)
         effects[chosen.effect.id] = chosen
     soil_place = f"{places_of['soil']}: soil"
     count = (WHEELS.get(drive, 1) for drive in content.get("drive", ()))
     scenario = Scenario(
         parts=_parts(content),
         soils=tuple(find(n, content.get("soils", {}), soil_place) for n in content.get("soil", [SOIL])),
-        geometry=WheelGeometry(
-            **{**WHEEL, **content.get("wheel", {})}, gravity=content.get("gravity", STANDARD_GRAVITY)
-        ),
+        geometry=WheelGeometry(**wheel, gravity=content.get("gravity", STANDARD_GRAVITY)),
         wheels=places(content.get("wheels", max(count, default=1))),
         load=content.get("load", LOADS[0]),
         base=base,
@@ -161,7 +161,9 @@ def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: 
     return scenario
 
 
-def _model(content: Mapping[str, Any], folder: Path) -> tuple[Base, dict[str, Chosen]]:
+def _model(
+    content: Mapping[str, Any], folder: Path, under: tuple[float, float]
+) -> tuple[Base, dict[str, Chosen]]:
     name = content.get("model", "wong-reece")
     if name not in BASES:
         name = str(folder / name)
@@ -170,7 +172,7 @@ def _model(content: Mapping[str, Any], folder: Path) -> tuple[Base, dict[str, Ch
     for effect in found.model.effects:
         names = {p.name: effect.qualified(p) for p in effect.parameters}
         own = {name: found.fixed[full] for name, full in names.items() if full in found.fixed}
-        chosen[effect.id] = settle(effect, own, name)
+        chosen[effect.id] = settle(effect, own, name, under)
     return found.model.base, chosen
 
 

@@ -175,23 +175,26 @@ def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
     return result
 
 
-def choose(name: str, given: Mapping[str, float], place: str) -> Chosen:
+def choose(name: str, given: Mapping[str, float], place: str, under: tuple[float, float]) -> Chosen:
     """Find an effect by id or path; parameters that are not given have their typical size."""
     try:
         effect = models.find_effect(name)
     except TerrainError as error:
         raise ConfigurationError(f"{place}: {error}", hint=error.hint) from None
-    return settle(effect, given, place)
+    return settle(effect, given, place, under)
 
 
-def settle(effect: Effect, given: Mapping[str, float], place: str) -> Chosen:
-    """Give every parameter of an effect a value, by short name; those not given their typical size."""
+def settle(effect: Effect, given: Mapping[str, float], place: str, under: tuple[float, float]) -> Chosen:
+    """Give every parameter of an effect a value, by short name; those not given their typical size.
+
+    Those given are possible `under` a load, N, on a wheel of a radius, m.
+    """
     known = {p.name: p for p in effect.parameters}
     for parameter, value in given.items():
         if parameter not in known:
             what = f"effect {effect.id} has no parameter {parameter!r}{nearest(parameter, known)}"
             raise ConfigurationError(f"{place}: {what}", hint=f"it has {', '.join(known)}")
-        bounds = known[parameter]
+        bounds = known[parameter].under(*under)
         if not bounds.lower <= value <= bounds.upper:
             unit = f" {bounds.unit}" if bounds.unit != "1" else ""
             what = f"{parameter} of {effect.id} must be from {bounds.lower:g} to {bounds.upper:g}{unit}"

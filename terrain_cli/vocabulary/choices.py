@@ -36,8 +36,8 @@ SOIL_BOUNDS = {
     "stiffness": (1e3, 1e10),
     "sinkage_exponent": (0.1, 3.0),
 }
-#: A parameter of an effect is within so many of its typical sizes from where it has no effect (judged): a
-#: fit takes at most 60 steps of two.
+#: A parameter of an effect is within so many of its typical sizes, those under its wheel, from where it has
+#: no effect (judged): a fit takes at most 60 steps of two.
 EFFECT_SCALES = 1e3
 #: A standard deviation of a prior is between these shares of the range of its parameter (judged): below the
 #: one the parameter is as good as fixed, above the other nothing is known of it.

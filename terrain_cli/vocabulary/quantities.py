@@ -85,7 +85,7 @@ def number(value: float, digits: int = 3) -> str:
     text = f"{value:.{digits}g}"
     if "e" in text and 1e-5 <= abs(value) < 1e7:
         text = f"{value:.0f}" if abs(value) >= 1.0 else f"{value:.{digits + 4}f}".rstrip("0")
-    return text.replace("-", "−")
+    return text
 
 
 def plus_minus(value: float, error: float) -> str:
@@ -93,12 +93,12 @@ def plus_minus(value: float, error: float) -> str:
     if not error > 0.0 or error == float("inf") or value != value:  # noqa: PLR0124 - NaN
         return number(value)
     digits = max(0, 1 - int(f"{error:.1e}".partition("e")[2]))
-    return f"{value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def short(value: float, digits: int = 3) -> str:
-    """Write a number rounded to so many digits, with the minus that programs read."""
-    return number(float(f"{value:.{digits}g}"), digits).replace("−", "-") if math.isfinite(value) else "–"
+    """Write a number rounded to so many digits, – where it is unknown or infinite."""
+    return number(float(f"{value:.{digits}g}"), digits) if math.isfinite(value) else "–"
 
 
 def known(value: float) -> float | None:

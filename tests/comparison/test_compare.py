@@ -8,6 +8,7 @@ import pytest
 from known_misfits import MISFITS, Kind, compare, samples_of, windows_of
 
 from formats import Labels
+from terrain_cli import effects
 from terrain_cli.comparison import against, comparison_criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.mechanics.wheel_model import Model
@@ -38,8 +39,8 @@ def clean():
 
 @pytest.fixture(scope="module")
 def biased():
-    effects, _ = MISFITS["torque bias 0.25 N m"]
-    return compare([windows_of(1, Kind(effects))], Model())
+    hidden, _ = MISFITS["torque bias 0.25 N m"]
+    return compare([windows_of(1, Kind(hidden))], Model())
 
 
 def test_a_clean_drive_has_no_findings_and_its_errors_are_the_noise(clean):
@@ -73,8 +74,8 @@ def test_how_much_of_a_finding_shows_in_the_residuals(biased):
 
 @pytest.mark.parametrize("name", MISFITS)
 def test_a_known_misfit_is_found_in_its_channel_with_its_driver(name):
-    effects, right = MISFITS[name]
-    compared = compare([windows_of(2, Kind(effects))], Model())
+    hidden, right = MISFITS[name]
+    compared = compare([windows_of(2, Kind(hidden))], Model())
     found = compared.failures
     assert any({f.driver, *f.alternatives} & set(right.get(f.channel, ())) for f in found)
     assert not any(f.channel in (f.driver, *f.alternatives) for f in found)
@@ -100,8 +101,8 @@ def test_a_finding_says_what_where_and_how_much(biased):
 
 
 def test_what_each_segments_own_soil_hides_is_found_between_segments():
-    effects, _ = MISFITS["second pass 40 % stiffer"]
-    found = compare([windows_of(1, Kind(effects, runs=True))], Model()).failures
+    hidden, _ = MISFITS["second pass 40 % stiffer"]
+    found = compare([windows_of(1, Kind(hidden, runs=True))], Model()).failures
     assert ("sinkage", "pass_number") in [(f.channel, f.driver) for f in found]
 
 
@@ -127,6 +128,15 @@ def test_a_step_with_time_has_no_end():
     assert found.stretch == (pytest.approx(60.0, abs=6.0), np.inf)
     told = replace(first, alternatives=("motor_temperature",))
     assert replace(found, failures=[told]).stretch is None
+
+
+def test_a_value_held_that_is_impossible_under_this_wheel_is_noted(clean):
+    wheels, model = [one.windows for one in clean.wheels], Model(effects=(effects.find("load-bias"),))
+    gain = {"load-bias.gain": 1.0}
+    assert compare(wheels, model, fixed={**gain, "load-bias.offset": 5.0}).warnings == []
+    said = compare(wheels, model, fixed={**gain, "load-bias.offset": 1500.0}).warnings[-1]
+    beyond = "load-bias.offset is held at 1500 N; under such a wheel it is from -1000 to 1000 N"
+    assert said == f"drive 1: the wheel: {beyond}"
 
 
 def test_two_models_are_compared_on_the_same_blocks(clean):

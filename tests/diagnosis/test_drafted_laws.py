@@ -34,6 +34,8 @@ def test_what_a_draft_follows_is_what_a_model_computes(wheel):
         form = "periodic" if driver == drafted_laws.ANGLE else "magnitude"
         draft = drafted_laws.write("torque", driver, form, column, units[driver], usual=0.3)
         assert effect_inputs.not_read(samples, [draft.effect]) == []
+        for one in draft.effect.parameters:
+            assert one.scale == float(f"{one.scale:.3g}")
         if driver == "velocity_rate":
             read = effect_inputs.of_samples(samples, [draft.effect])[driver]
             np.testing.assert_allclose(read[wheel.windows.rows], column)

@@ -57,3 +57,22 @@ def test_the_friction_of_a_heavy_wheel_is_of_its_own_size():
     assert (
         abs(dry.value - sized("drivetrain-friction", rover=rover)["drivetrain-friction"]["Tc"]) < 4.0 * dry.se
     )
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "size"),
+    [
+        ("drawbar-bias", "offset", 1200.0),
+        ("drivetrain-friction", "Bv", 1300.0),
+        ("acceleration-torque", "J", 2500.0),
+    ],
+)
+def test_bounds_are_those_of_the_wheel(effect, name, size):
+    """Of 40 kN on a radius of 0.9 m: no rover of 98 N has as much, and searches ended at its bounds."""
+    rover = Rover(wheel=Wheel(radius=0.9, width=0.75), load=40_000.0, speed=0.5)
+    drive = windows_of(79_882_501, Kind({effect: {name: size}}, seconds=64.0, rover=rover))
+    among = [effects.find(other) for other in ("drivetrain-friction", "drawbar-bias", "acceleration-torque")]
+    found = diagnose(drive, ModelFile(), effects=among)
+    best = found.candidates[0]
+    assert (best.effect, best.doubt) == (effect, "")
+    assert abs(best.sizes[name].value - size) < 3.0 * best.sizes[name].se

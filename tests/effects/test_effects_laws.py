@@ -7,6 +7,7 @@ import pytest
 from known_effects import KNOWN_EFFECTS, MOVED, SAME, UP
 
 from terrain_cli import effects
+from terrain_cli.effects.laws import effect_file
 from terrain_cli.effects.library.law_functions import bearing_factors
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.effect import KINDS
@@ -142,6 +143,59 @@ def test_little_on_the_wrong_side_means_nothing_where_another_wheel_has_much():
     assert any(friction.imitations([front], errors=2.0, least=0.125))
     assert not any(friction.imitations([front, rear], errors=2.0, least=0.125))
     assert any(friction.imitations([front, rear], errors=2.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("drivetrain-friction.Tc", 100.0 * 4.0),
+        ("drivetrain-friction.Bv", 100.0 * 4.0),
+        ("load-bias.offset", 100.0),
+        ("load-bias.gain", 1.0),
+        ("drawbar-bias.offset", 100.0),
+        ("acceleration-torque.J", 100.0 * 4.0**2),
+        ("sinkage-bias.offset", 4.0),
+        ("gear-efficiency.eta", 1.0),
+        ("crust.strength", 1.0),
+    ],
+)
+def test_forces_are_as_large_as_the_wheel(name, times):
+    effect = effects.find(name.partition(".")[0])
+    (own,) = (one for one in effect.parameters if effect.qualified(one) == name)
+    heavy = own.under(9810.0, 0.4)
+    for before, after in ((own.scale, heavy.scale), (own.lower, heavy.lower), (own.upper, heavy.upper)):
+        null = 0.0 if before == own.scale else own.null
+        assert after - null == pytest.approx(times * (before - null))
+    assert heavy.null == own.null
+    assert own.under(98.1, 0.1) == own.under(3.0, 0.03) == own
+
+
+@pytest.mark.parametrize(
+    ("changes", "follows", "unit", "times"),
+    [
+        ("drawbar_pull", "yaw_rate", "N s/rad", 100.0),
+        ("drawbar_pull", "velocity", "kN/(m/s)", 100.0),
+        ("torque", "pitch", "N m", 400.0),
+        ("cohesion", "pitch", "kPa", 1.0),
+        ("sinkage", "pitch", "m", 1.0),
+    ],
+)
+def test_bounds_that_a_user_says_hold_under_every_wheel(changes, follows, unit, times):
+    told = f'id = "own"\ntitle = "own"\nchanges = "{changes}"\nlaw = "{changes} + a * {follows}"\n'
+    sizes = "null = 0.0\nscale = 2.0\nlower = -5.0\nupper = 9.0\n"
+    needs = f'needs = ["{follows}"]\n[parameters.a]\nunit = "{unit}"\n'
+    (own,) = effect_file.parse(told + needs + sizes).parameters
+    heavy = own.under(9810.0, 0.4)
+    assert heavy.scale == pytest.approx(times * own.scale)
+    assert (heavy.lower, heavy.upper) == (own.lower, own.upper)
+
+
+def test_how_far_to_the_wrong_side_a_value_may_be_noise_grows_with_the_wheel():
+    """An inertia of −12 kg m² ± 6 is at the end of what a search allows under a light wheel."""
+    wheel = {"acceleration-torque.J": -12.0}, np.array([[6.0**2]]), {}
+    inertia = effects.find("acceleration-torque")
+    assert any(inertia.imitations([(*wheel, (98.1, 0.1))]))
+    assert not any(inertia.imitations([(*wheel, (9000.0, 0.45))]))
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

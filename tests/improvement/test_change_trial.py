@@ -25,7 +25,7 @@ def test_a_value_to_be_doubted_is_remarked(effect, name, value, determined, told
 def test_a_heavy_wheel_has_more_friction():
     own = effects.catalogue()["drivetrain-friction"].parameters[0]
     assert remark(own, 39.0, determined=True) == "78 times its usual size"
-    assert remark(own, 39.0, determined=True, under=(2000.0, 0.4)) == ""
+    assert remark(own.under(2000.0, 0.4), 39.0, determined=True) == ""
 
 
 def test_of_the_soil_only_what_the_data_leave_open_is_remarked():

@@ -245,7 +245,7 @@ def test_a_sentence_turns_once():
     assert told.count(" but ") == 1
     assert "mm, and rose in sinkage" in told or "N m, and rose in sinkage" in told
     assert told.endswith(
-        "but only with x.a = −1 ± 0.1, which is physically impossible; another effect is missing"
+        "but only with x.a = -1 ± 0.1, which is physically impossible; another effect is missing"
     )
 
 

@@ -80,6 +80,15 @@ def test_effects_of_a_user_lie_beside_the_file(write, tmp_path, monkeypatch):
     assert file.units["cable-drag.cd"] == "N s/rad"
 
 
+def test_what_is_right_under_some_wheel_is_read(write):
+    """A file is read without a log: under a wheel of 98 N friction is below 500 N m."""
+    friction = 'effects = ["drivetrain-friction"]\n[fixed]\ndrivetrain-friction.Tc = 4e4\n'
+    prior = "[priors]\ndrivetrain-friction.Bv = { mean = 2000, sd = 1e-6 }\n"
+    file = models.load(write(f'{HEAD}base = "wong-reece"\n{friction}{prior}'))
+    assert file.fixed == {"drivetrain-friction.Tc": 4e4}
+    assert file.priors == {"drivetrain-friction.Bv": models.Prior(2000.0, 1e-6)}
+
+
 def test_values_are_in_the_unit_of_the_parameter(write, tmp_path):
     write(CABLE.replace('"N s/rad"', '"N s/deg"'), "cable.toml")
     text = f'{HEAD}base = "wong-reece"\neffects = ["cable.toml"]\n'
@@ -174,6 +183,14 @@ WR = HEAD + 'base = "wong-reece"\n'
         (
             WR + 'effects = ["slip-sinkage"]\n[fixed]\nslip-sinkage.n1 = 1e9',
             "fixed.slip-sinkage.n1: must be a number from ",
+        ),
+        (
+            WR + 'effects = ["gear-efficiency"]\n[fixed]\ngear-efficiency.eta = 0.0',
+            "fixed.gear-efficiency.eta: must be a number from 0.2 to 1.1, not 0.0",
+        ),
+        (
+            WR + 'effects = ["drivetrain-friction"]\n[fixed]\ndrivetrain-friction.Tc = 1e12',
+            "fixed.drivetrain-friction.Tc: must be a number in N m from ",
         ),
         (WR + "priors = 3", "priors: must be a table, not 3"),
         (WR + "[priors]\nphi = { mean = 3, sd = 1 }", "priors.phi: the model has no parameter 'phi'"),

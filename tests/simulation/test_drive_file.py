@@ -161,6 +161,20 @@ def test_model_file_gives_base_and_effects(drive, tmp_path):
     assert scenario.effect_values()["drivetrain-friction.Tc"] == 1.5
 
 
+@pytest.mark.parametrize("load", [0.05, 2e5])
+def test_toys_and_haul_trucks_are_simulated(load, drive):
+    """What a diagnosis of their logs recommends as the next drive is simulated, too."""
+    assert read(drive(f"load = {load}"), {}).load == load
+
+
+def test_effects_are_as_large_as_the_wheel(drive):
+    friction = "[effects]\ndrivetrain-friction = { Tc = 700 }\n"
+    scenario = read(drive(f"load = 9000\n{friction}[wheel]\nradius = 0.45"), {})
+    assert scenario.effect_values()["drivetrain-friction.Tc"] == 700.0
+    with pytest.raises(ConfigurationError, match="Tc of drivetrain-friction must be from"):
+        read(drive(f"load = 60\n{friction}"), {})
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -30,6 +30,8 @@ _KIND: dict[str, Kind] = {
     **dict.fromkeys(("load", "drawbar_pull"), "force"),
     **dict.fromkeys(("slip", "sinkage", "torque"), "sensor"),
 }
+#: What is as large as the wheel.
+_FORCES = frozenset({"load", "drawbar_pull", "torque"})
 
 
 @dataclass(frozen=True)
@@ -155,6 +157,8 @@ class _Reader:
 
     def read_parameters(self) -> tuple[tuple[Parameter, ...], dict[str, Dimension]]:
         parameters, measures = [], {}
+        changed = {*self.content.get("laws", [self.content.get("changes")])}
+        grows = (float(changed <= _FORCES), float(changed == {"torque"}))
         for name, values in self.content["parameters"].items():
             place = f"parameters.{name}"
             if not grammar.NAME.fullmatch(name) or len(name) > LONGEST_NAME:
@@ -185,6 +189,9 @@ class _Reader:
                     upper=high * scale.factor,
                     meaning=values.get("meaning", ""),
                     factor=scale.factor,
+                    # Of a force or a torque, or of either per angle, speed or kelvin.
+                    grows=grows if scale.dimension.powers[0] == 1 else (0.0, 0.0),
+                    absolute=True,
                 )
             )
             if not (math.isfinite(parameters[-1].null) and 0.0 < parameters[-1].scale < math.inf):

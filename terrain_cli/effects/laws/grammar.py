@@ -293,7 +293,7 @@ def _check(node: Node, text: str) -> None:
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and not any(names(node.right)):
         power = float(evaluate(node.right, {}))
         if not abs(power) <= HIGHEST_POWER:
-            problem = f"a power is between −{HIGHEST_POWER:g} and {HIGHEST_POWER:g}"
+            problem = f"a power is between -{HIGHEST_POWER:g} and {HIGHEST_POWER:g}"
             raise LawError(problem, text, *span(node.right))
 
 

@@ -39,9 +39,10 @@ def effect(name: str) -> Effect:
 
 
 def _parameter(
-    name: str, *, scale: float, meaning: str, unit: str = "1", null: float = 0.0, needs: Any = (), **more: Any
+    name: str, *, scale: float, meaning: str, unit: str = "1", null: float = 0.0, **more: Any
 ) -> Parameter:
-    return Parameter(name, unit, null, scale, meaning, needs=tuple(needs), **more)
+    more = {key: tuple(value) if isinstance(value, list) else value for key, value in more.items()}
+    return Parameter(name, unit, null, scale, meaning, **more)
 
 
 def _laws(texts: Mapping[str, str]) -> dict[str, Law]:

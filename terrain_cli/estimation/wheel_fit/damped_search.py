@@ -74,19 +74,14 @@ def with_effects(problem: Problem, common: Array) -> Iterator[Array]:
     window, takes the place of bulldozing, and of what only shapes an effect the data then say nothing. The
     effects are present on those sides of their null value on which nature has them.
     """
-    column = {u.name: j for j, u in enumerate(problem.unknowns.shared)}
-    sizes = {
-        column[effect.qualified(p)]: p
-        for effect in problem.model.effects
-        for p in effect.parameters
-        if not p.shape and effect.qualified(p) in column
-    }
     for side in (1, -1):
         begun = common.copy()
-        for j, parameter in sizes.items():
-            unknown = problem.unknowns.shared[j]
-            present = parameter.null + side * _PRESENT * parameter.scale
-            natural = side * parameter.side >= 0 and parameter.lower <= present <= parameter.upper
+        for j, unknown in enumerate(problem.unknowns.shared):
+            own = unknown.own
+            if own is None or own.shape:
+                continue
+            present = own.null + side * _PRESENT * own.scale
+            natural = side * own.side >= 0 and own.lower <= present <= own.upper
             begun[j] = (present - unknown.mean) / unknown.sd if natural else common[j]
         if np.any(begun != common):
             yield begun

@@ -17,9 +17,9 @@ from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from terrain_cli.estimation.joint_grid import JointGrid
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
@@ -89,6 +89,7 @@ class Fit(Parameters):
     """
 
     model: Model
+    under: tuple[float, float]  # Load, N, and radius, m, with which parameters of effects grow
     n: Index  # Shape (w,): samples used
     noise: Noise
     # Where the noise comes from: what the caller said, or the residuals (`learnt_noise`)
@@ -147,6 +148,17 @@ class Fit(Parameters):
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt((1.0 + r) / (1.0 - r)))
 
+    def impossible(self, held: Mapping[str, ArrayLike]) -> Iterator[str]:
+        """Say which parameters of effects are held where no wheel of this load and radius has them."""
+        for name, parameter in self.model.parameters.items():
+            own, value = parameter.under(*self.under), np.asarray(held.get(name, parameter.null))
+            if not np.all((value >= own.lower) & (value <= own.upper)):
+                found, low, high = (number / own.factor for number in (value.mean(), own.lower, own.upper))
+                yield (
+                    f"{name} is held at {found:.4g} {own.unit}; under such a wheel it is "
+                    f"from {low:.4g} to {high:.4g} {own.unit}"
+                )
+
     @property
     def separable(self) -> Mask:
         """Whether the data, without a prior on φ, tell c from φ: φ is then open by no more than ± 6°."""
@@ -173,7 +185,7 @@ class Fit(Parameters):
                     self.names[place]: float(self.values[self.names[place]][window]) for place in places
                 }
                 covariance = self.covariance[window][np.ix_(places, places)]
-                found[window] |= any(effect.imitations([(values, covariance, {})]))
+                found[window] |= any(effect.imitations([(values, covariance, {}, self.under)]))
         return found
 
     @property

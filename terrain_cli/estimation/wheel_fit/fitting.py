@@ -162,9 +162,9 @@ def fit(
         data, rows = steadied(data, second), rows[kept]
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
-    size, windows = (mean_load(data.channels), wheel.radius), len(data.windows)
+    under, windows = (mean_load(data.channels), wheel.radius), len(data.windows)
     sought = unknowns(
-        model, fixed=fixed, priors=priors, shared=shared, local=local, windows=windows, under=size
+        model, fixed=fixed, priors=priors, shared=shared, local=local, windows=windows, under=under
     )
     problem = Problem(
         model=model,
@@ -207,6 +207,7 @@ def fit(
     residuals, prediction, rmse, left = residuals_of(data, said, rows, int(np.asarray(bounds)[-1]))
     result = Fit(
         model=model,
+        under=under,
         n=data.count,
         **{f.name: getattr(about, f.name) for f in fields(about)},
         noise=problem.noise,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, UsageError
-from terrain_cli.mechanics.effect import Prior
+from terrain_cli.mechanics.effect import Parameter, Prior
 from terrain_cli.vocabulary.choices import SOIL_BOUNDS
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ class Unknown:
     lower: float
     upper: float
     step: float
+    own: Parameter | None = None  # Of an effect: the parameter as it is under this wheel
 
     def value(self, t: Array) -> Array:
         """Return the parameter in its own unit, from prior standard deviations off the prior mean."""
@@ -134,11 +135,10 @@ def unknown(
 ) -> Unknown:
     """Return a parameter to be sought, by default with the weak prior of the soil or of its effect."""
     logarithm = name in POSITIVE
-    if name in model.parameters:
-        parameter = model.parameters[name]
-        typical = parameter.typical(*under)
-        prior = prior or Prior(parameter.null, EFFECT_SCALES * typical)
-        lower, upper, step = parameter.lower, parameter.upper, 2.0 * typical
+    own = model.parameters[name].under(*under) if name in model.parameters else None
+    if own is not None:
+        prior = prior or Prior(own.null, EFFECT_SCALES * own.scale)
+        lower, upper, step = own.lower, own.upper, 2.0 * own.scale
     else:
         prior = prior or DEFAULT[name]
         ends = SOIL_BOUNDS[name]
@@ -158,4 +158,5 @@ def unknown(
         lower=(lower - mean) / sd,
         upper=(upper - mean) / sd,
         step=step / sd,
+        own=own,
     )
