@@ -100,8 +100,8 @@ SCORE_WORTH = criterion(
 )
 SMALL_REST = criterion(
     0.05,
-    "share of what an effect explains that may still follow the drive afterwards, or by which another pair of "
-    "effects may explain less and still be what is there",
+    "share of what an effect explains that may still follow the drive afterwards, or by which another "
+    "pair of effects may explain less and still be what is there",
 )
 STANDS_FOR_SOILS = criterion(
     0.8, "an effect replaces several soils if it removes this share of what they remove"

@@ -160,10 +160,10 @@ def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # n
         return np.stack([column / size, one], axis=1) if own_offset else (column / size)[:, None]
     if form == "magnitude":
         return (np.abs(column) / size)[:, None] if low < 0.0 < high else None
-    if form == "quadratic" and _far_from_zero(column):
+    if form == "quadratic" and own_offset and _far_from_zero(column):
         _, middle, _, spread = _range(column)
         away = (column - middle) / spread
-        return np.stack([away**2, away, one] if own_offset else [away**2, away], axis=1)
+        return np.stack([away**2, away, one], axis=1)
     if form == "quadratic":
         return ((column / size) ** 2)[:, None]
     if form == "saturating":
@@ -221,7 +221,7 @@ def _threshold(column: Array) -> float:
     return float(np.median(known))
 
 
-def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
+def write(  # noqa: C901, PLR0915 - one branch for each form
     changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
 ) -> Draft | None:
     """Write a draft of some usual size; None where the units of the driver do not allow the form."""
@@ -253,12 +253,12 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
     elif form == "quadratic":
         squared = own if of in ("", "1") else f"{own}/{divisor}/{divisor}"
         term, parameters["a"] = f"a * {read}^2", (squared, 0.0, usual / size**2)
-        if column is not None and _far_from_zero(column):
+        if shown and column is not None and _far_from_zero(column):
             low, middle, high, spread = _range(column)
-            term, parameters["a"] = f"a * ({read} - middle)^2", (squared, 0.0, _rounded(usual / spread**2))
+            term = f"a * ({read} - middle)^2 + b"
+            parameters["a"] = (squared, 0.0, _rounded(usual / spread**2))
             parameters["middle"], bounds["middle"] = (of or "1", middle, spread), (low, high)
-            if shown:
-                term, parameters["b"] = f"{term} + b", (own, 0.0, usual)
+            parameters["b"] = (own, 0.0, usual)
     elif form == "saturating":
         term = f"a * tanh({read} / s)"
         parameters["a"] = (own, 0.0, usual)
