@@ -152,9 +152,8 @@ def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> S
     """
     some = data.thinned(_TRIED)
     centre, nothing = damped_search.centre(problem, some)
-    begun = [centre, *damped_search.others(problem, some, nothing)]
-    rough = [descend(problem, some, t, nothing, order=order, iterations=_ROUGHLY) for t in begun]
-    best = _lowest(rough, some, problem)
+    begun = [(t, nothing) for t in (centre, *damped_search.others(problem, some, nothing))]
+    best = _lowest(problem, some, begun, order, _ROUGHLY)
     return _descended(problem, data, [(ended.t, ended.common), (best.t, best.common)], order)
 
 
@@ -168,16 +167,24 @@ def _with_all(problem: Problem, data: FitData, ends: State, order: int | None) -
     return state
 
 
-def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
-    """Return the lowest of several ends: of each window, or of all where they share something."""
+def _lowest(
+    problem: Problem, data: FitData, begun: Sequence[tuple[Array, Array]], order: int | None, iterations: int
+) -> State:
+    """Go down from several beginnings, and return the lowest end: of each window, or of all together."""
     if problem.unknowns.shared:
-        return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
-    best = ends[0]
-    for end in ends[1:]:
-        at = np.flatnonzero(end.merit < best.merit)
-        rows = data.rows_of(at)
-        put(best, end.only(at, rows), at, rows)
-    return best
+        ends = [descend(problem, data, *one, order=order, iterations=iterations) for one in begun]
+        return min(ends, key=_height)
+    # What shares nothing goes down from everywhere at once, in the time that one beginning takes.
+    windows = np.arange(len(data.windows))
+    copies = data.only(np.tile(windows, len(begun)))
+    every, nothing = np.concatenate([t for t, _ in begun]), begun[0][1]
+    end = descend(problem, copies, every, nothing, order=order, iterations=iterations)
+    lowest = windows + len(windows) * end.merit.reshape(len(begun), -1).argmin(axis=0)
+    return end.only(lowest, copies.rows_of(lowest))
+
+
+def _height(end: State) -> float:
+    return float(end.merit.sum() + np.sum(end.common**2))
 
 
 def _downhill(problem: Problem, data: FitData, state: State, order: int | None) -> State:
@@ -192,7 +199,7 @@ def _descended(
 ) -> State:
     """Go down from several beginnings with some of the samples, and from the lowest end with all of them."""
     some = data.thinned(ENOUGH)
-    best = _lowest([descend(problem, some, *one, order=order) for one in begun], some, problem)
+    best = _lowest(problem, some, begun, order, damped_search.ITERATIONS)
     if len(some.measured[0]) == len(data.measured[0]):
         return best
     ends = descend(problem, data, best.t, best.common, order=order, iterations=_LAST)
@@ -258,7 +265,7 @@ def lower_elsewhere(problem: Problem, data: FitData, ended: State) -> State | No
         return None
     some, order = data.thinned(ENOUGH), enough_nodes(problem.noise, data)
     ends = [search(problem, some, order, ended), search(problem, some, order)]
-    here, there = (float(end.merit.sum() + np.sum(end.common**2)) for end in ends)
+    here, there = map(_height, ends)
     return ends[1] if ends[1].converged.all() and there < here - _LOWER else None
 
 
@@ -285,7 +292,7 @@ def _searched(problem: Problem, data: FitData, order: int | None) -> State:
     begun = [common, *damped_search.with_effects(problem, common)]
     if len(begun) > 1:
         ends = [_towards(problem, data, t, one, order) for one in begun]
-        return _lowest(ends, data, problem)
+        return min(ends, key=_height)
     state = _towards(problem, data, t, common, order)
     if problem.unknowns.shared:
         return state
