@@ -356,6 +356,12 @@ class EstimateRequest:
             found.append(fitted.estimates)
         return found
 
+    def answered(self, estimates: list[WindowEstimates | None]) -> EstimateRequest:
+        """Return it with what another process found."""
+        found = replace(self)
+        vars(found)["estimates"] = estimates
+        return found
+
     @property
     def stress(self) -> float | None:
         """`at_stress` in Pa."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli import models
+from terrain_cli import models, processes
 from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.comparison_outcome import segment_soils
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import WheelComparison
     from terrain_cli.comparison.fitted_wheel import FittedWheel
+    from terrain_cli.estimation import WindowEstimates
     from terrain_cli.mechanics.effect import Parameter
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
@@ -107,11 +108,19 @@ def tried(
     first: Comparison | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
+    beside: bool = False,
 ) -> Step:
-    """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out."""
+    """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out.
+
+    The segments are estimated in this process, or in one `beside` it.
+    """
     # An effect has one value for a wheel, in all of its inputs.
     effects = [effect for file in (before, after) for effect in file.model.effects]
     parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
+    # c and φ are those of the segments, however many soils the two models are compared on.
+    asked = [EstimateRequest(wheels=wheels, file=file) for file in (before, after)]
+    estimated = partial(_estimated_by, asked)
+    waited = processes.beside(estimated) if beside else estimated
 
     def telling(what: str) -> Callable[[str], None]:
         return lambda step: progress(f"{what}: {step}")
@@ -136,9 +145,9 @@ def tried(
     if told:
         first, second, _, compared_after = both(windows, None)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
-    # c and φ are those of the segments, however many soils the two models were compared on.
-    first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
-    second = replace(second, warnings=remarks, soils=EstimateRequest(wheels=wheels, file=after))
+    without, with_change = (one.answered(found) for one, found in zip(asked, waited(), strict=True))
+    first = replace(first, soils=without)
+    second = replace(second, warnings=remarks, soils=with_change)
     differences = between_soils(first, second)
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, wheels)
@@ -164,6 +173,10 @@ def tried(
         imitates=tuple(_imitating(with_it, file, changed)),
         idle=tuple(_idle(first, second, before, after, changed)),
     )
+
+
+def _estimated_by(asked: Sequence[EstimateRequest]) -> list[list[WindowEstimates | None]]:
+    return [one.estimates for one in asked]
 
 
 def _needed_soils(
