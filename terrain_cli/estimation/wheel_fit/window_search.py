@@ -174,13 +174,17 @@ def _lowest(
     if problem.unknowns.shared:
         ends = [descend(problem, data, *one, order=order, iterations=iterations) for one in begun]
         return min(ends, key=_height)
-    # What shares nothing goes down from everywhere at once, in the time that one beginning takes.
-    windows = np.arange(len(data.windows))
-    copies = data.only(np.tile(windows, len(begun)))
+    copies = _copies(data, len(begun))
     every, nothing = np.concatenate([t for t, _ in begun]), begun[0][1]
     end = descend(problem, copies, every, nothing, order=order, iterations=iterations)
-    lowest = windows + len(windows) * end.merit.reshape(len(begun), -1).argmin(axis=0)
+    merit = end.merit.reshape(len(begun), -1)
+    lowest = np.ravel_multi_index((merit.argmin(axis=0), np.arange(merit.shape[1])), merit.shape)
     return end.only(lowest, copies.rows_of(lowest))
+
+
+def _copies(data: FitData, number: int) -> FitData:
+    """Return windows that share nothing so many times: many searches at once take the time of one."""
+    return data.only(np.tile(np.arange(len(data.windows)), number))
 
 
 def _height(end: State) -> float:
@@ -316,10 +320,14 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     bad = np.flatnonzero(~state.converged | (state.merit > usual + _BAD * np.sqrt(2.0 * usual)))
     if len(bad) == 0 or len(bad) > max(_FEW_BAD * len(t), 5):
         return state
-    again = data.only(bad)
-    rows = data.rows_of(bad)
-    for other in damped_search.others(problem, again, common):
-        tried = solve(problem, again, initial(again, other, common), order=order, iterations=_ELSEWHERE)
+    again, rows = data.only(bad), data.rows_of(bad)
+    begun = list(damped_search.others(problem, again, common))
+    copies = _copies(again, len(begun))
+    ends = solve(
+        problem, copies, initial(copies, np.concatenate(begun), common), order=order, iterations=_ELSEWHERE
+    )
+    for own in np.split(np.arange(len(ends.t)), len(begun)):
+        tried = ends.only(own, copies.rows_of(own))
         better = tried.converged & ((tried.merit < state.merit[bad] - _LOWER) | ~state.converged[bad])
         at = bad[better]
         state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
