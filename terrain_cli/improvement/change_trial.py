@@ -14,6 +14,7 @@ from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
+from terrain_cli.effects import catalogue
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
@@ -120,6 +121,8 @@ def tried(
     # c and φ are those of the segments, however many soils the two models are compared on.
     asked = [EstimateRequest(wheels=wheels, file=file) for file in (before, after)]
     estimated = partial(_estimated_by, asked)
+    # Both processes need the catalogue, which is read before there are two.
+    catalogue()
     waited = processes.beside(estimated) if beside else estimated
 
     def telling(what: str) -> Callable[[str], None]:
