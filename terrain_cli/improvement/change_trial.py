@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli import models, processes
+from terrain_cli import models
 from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
 from terrain_cli.effects import catalogue
-from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
+from terrain_cli.estimation.estimators import EstimateRequest, FitSettings, estimate_beside
 from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import WheelComparison
     from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.estimation import WindowEstimates
     from terrain_cli.mechanics.effect import Parameter
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
@@ -120,10 +119,9 @@ def tried(
     parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
     # c and φ are those of the segments, however many soils the two models are compared on.
     asked = [EstimateRequest(wheels=wheels, file=file) for file in (before, after)]
-    estimated = partial(_estimated_by, asked)
     # Both processes need the catalogue, which is read before there are two.
     catalogue()
-    waited = processes.beside(estimated) if beside else estimated
+    answer = estimate_beside(asked) if beside else lambda: None
 
     def telling(what: str) -> Callable[[str], None]:
         return lambda step: progress(f"{what}: {step}")
@@ -148,9 +146,9 @@ def tried(
     if told:
         first, second, _, compared_after = both(windows, None)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
-    without, with_change = (one.answered(found) for one, found in zip(asked, waited(), strict=True))
-    first = replace(first, soils=without)
-    second = replace(second, warnings=remarks, soils=with_change)
+    answer()
+    first = replace(first, soils=asked[0])
+    second = replace(second, warnings=remarks, soils=asked[1])
     differences = between_soils(first, second)
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, wheels)
@@ -176,10 +174,6 @@ def tried(
         imitates=tuple(_imitating(with_it, file, changed)),
         idle=tuple(_idle(first, second, before, after, changed)),
     )
-
-
-def _estimated_by(asked: Sequence[EstimateRequest]) -> list[list[WindowEstimates | None]]:
-    return [one.estimates for one in asked]
 
 
 def _needed_soils(

@@ -315,24 +315,22 @@ class LikelyNoise:
         """
         precision = self._prior.precision
 
-        def height(to: Array, log: float) -> float:
+        def height(to: Array) -> float:
             way = to - start
+            log, _, _ = self._beyond_largest(to)
             return float(told @ way - 0.5 * (way @ known @ way + to @ precision @ to) + independent * log)
 
         to = start
         for _ in range(_UPHILL if self._largest else 1):
-            log, beyond, stiff = self._beyond_largest(to)
+            _, beyond, stiff = self._beyond_largest(to)
             information = known + precision + independent * stiff
             slope = told - known @ (to - start) - precision @ to + independent * beyond
             step = np.clip(np.linalg.solve(information, slope), -_LONGEST, _LONGEST)
             # Where no channel says anything, the first step has found it.
             if np.abs(step).max() < _LEAST:
                 break
-            here = height(to, log)
-            while (
-                np.abs(step).max() > _SHORTEST * _SURE
-                and height(to + step, self._beyond_largest(to + step)[0]) < here
-            ):
+            here = height(to)
+            while np.abs(step).max() > _SHORTEST * _SURE and height(to + step) < here:
                 step = 0.5 * step
             to = to + step
         return to, information

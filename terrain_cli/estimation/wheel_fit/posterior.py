@@ -291,7 +291,8 @@ def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -
     base, base_shared = volume(at_mode), volume_shared(at_mode)
     axes = np.moveaxis(square_root(own), 2, 0)
     move = np.zeros(own.shape[:2])
-    for some in np.split(axes, range(few.at_once, len(axes), few.at_once)):
+    several = max(_TOGETHER // max(few.latent.shape[1], 1), 1)
+    for some in np.split(axes, range(several, len(axes), several)):
         change = volume(few.normal(_STEP * some, 0.0)).reshape(some.shape[:2]) - base
         move -= 0.5 * np.einsum("kwp,kw->wp", some, change / _STEP)
     move = _bounded(move, own)
@@ -326,8 +327,6 @@ class _Few:
         self.data = data.take(rows, count, np.arange(len(count)))
         self.latent = state.latent[:, rows]
         self.weight = (data.count / np.maximum(count, 1))[:, None, None]
-        #: Moves of all windows whose samples are worked on together
-        self.at_once = max(_TOGETHER // max(len(rows), 1), 1)
 
     def normal(self, moves: Array, move_shared: Array | float) -> Normal:
         """Return the normal equations away from the mode: of all windows by the first move, then the next.
