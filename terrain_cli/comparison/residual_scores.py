@@ -162,16 +162,18 @@ class System:
     def add(self, cells: Iterable[ScoreCell]) -> System:
         """Collect the moments of all samples, eliminate the groups' own parameters, and return the system."""
         # Cells of one channel have one array of places: theirs are summed before they go among all terms.
-        crosses: dict[int, tuple[Index, Array]] = {}
+        crosses: dict[tuple[int, float], tuple[Index, Array]] = {}
         for cell in cells:
             weight, columns = cell.weight, cell.columns
             self._soil[cell.group] += weight * cell.soil.T @ cell.soil
             self._mixed[cell.group][:, columns] += weight * (cell.soil.T @ cell.terms)
-            _, cross = crosses.setdefault(id(columns), (columns, np.zeros((len(columns), len(columns)))))
-            # Of a table with itself half of the products are enough, and no more are formed.
-            cross += weight * (cell.terms.T @ cell.terms)
-        for columns, cross in crosses.values():
-            self._cross[np.ix_(columns, columns)] += cross
+            if (id(columns), weight) not in crosses:
+                crosses[id(columns), weight] = columns, np.zeros((len(columns), len(columns)))
+            _, cross = crosses[id(columns), weight]
+            # Of a table with itself half of the products are formed.
+            cross += cell.terms.T @ cell.terms
+        for (_, weight), (columns, cross) in crosses.items():
+            self._cross[np.ix_(columns, columns)] += weight * cross
         self._squares = np.diag(self._cross).copy()
         self._groups = eliminate(self._soil, self._mixed, pseudo_inverse)
         self._cross -= self._groups.taken()
