@@ -152,9 +152,16 @@ def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> S
     """
     some = data.thinned(_TRIED)
     centre, nothing = damped_search.centre(problem, some)
-    begun = [(t, nothing) for t in (centre, *damped_search.others(problem, some, nothing))]
-    best = _lowest(problem, some, begun, order, _ROUGHLY)
-    return _descended(problem, data, [(ended.t, ended.common), (best.t, best.common)], order)
+    begun = [centre, *damped_search.others(problem, some, nothing)]
+    if problem.unknowns.shared:
+        rough = [descend(problem, some, t, nothing, order=order, iterations=_ROUGHLY) for t in begun]
+        best = _lowest(rough, some, problem)
+        return _descended(problem, data, [(ended.t, ended.common), (best.t, best.common)], order)
+    copies, every = _copies(some, len(begun)), np.concatenate(begun)
+    ends = descend(problem, copies, every, nothing, order=order, iterations=_ROUGHLY)
+    lowest = ends.merit.reshape(len(begun), -1).argmin(axis=0)
+    t = ends.t.reshape(len(begun), *centre.shape)[lowest, np.arange(len(lowest))]
+    return _descended(problem, data, [(ended.t, ended.common), (t, nothing)], order)
 
 
 def _with_all(problem: Problem, data: FitData, ends: State, order: int | None) -> State:
@@ -167,28 +174,21 @@ def _with_all(problem: Problem, data: FitData, ends: State, order: int | None) -
     return state
 
 
-def _lowest(
-    problem: Problem, data: FitData, begun: Sequence[tuple[Array, Array]], order: int | None, iterations: int
-) -> State:
-    """Go down from several beginnings, and return the lowest end: of each window, or of all together."""
+def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
+    """Return the lowest of several ends: of each window, or of all where they share something."""
     if problem.unknowns.shared:
-        ends = [descend(problem, data, *one, order=order, iterations=iterations) for one in begun]
-        return min(ends, key=_height)
-    copies = _copies(data, len(begun))
-    every, nothing = np.concatenate([t for t, _ in begun]), begun[0][1]
-    end = descend(problem, copies, every, nothing, order=order, iterations=iterations)
-    merit = end.merit.reshape(len(begun), -1)
-    lowest = np.ravel_multi_index((merit.argmin(axis=0), np.arange(merit.shape[1])), merit.shape)
-    return end.only(lowest, copies.rows_of(lowest))
+        return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
+    best = ends[0]
+    for end in ends[1:]:
+        at = np.flatnonzero(end.merit < best.merit)
+        rows = data.rows_of(at)
+        put(best, end.only(at, rows), at, rows)
+    return best
 
 
 def _copies(data: FitData, number: int) -> FitData:
     """Return windows that share nothing so many times: many searches at once take the time of one."""
     return data.only(np.tile(np.arange(len(data.windows)), number))
-
-
-def _height(end: State) -> float:
-    return float(end.merit.sum() + np.sum(end.common**2))
 
 
 def _downhill(problem: Problem, data: FitData, state: State, order: int | None) -> State:
@@ -203,7 +203,7 @@ def _descended(
 ) -> State:
     """Go down from several beginnings with some of the samples, and from the lowest end with all of them."""
     some = data.thinned(ENOUGH)
-    best = _lowest(problem, some, begun, order, damped_search.ITERATIONS)
+    best = _lowest([descend(problem, some, *one, order=order) for one in begun], some, problem)
     if len(some.measured[0]) == len(data.measured[0]):
         return best
     ends = descend(problem, data, best.t, best.common, order=order, iterations=_LAST)
@@ -269,7 +269,7 @@ def lower_elsewhere(problem: Problem, data: FitData, ended: State) -> State | No
         return None
     some, order = data.thinned(ENOUGH), enough_nodes(problem.noise, data)
     ends = [search(problem, some, order, ended), search(problem, some, order)]
-    here, there = map(_height, ends)
+    here, there = (float(end.merit.sum() + np.sum(end.common**2)) for end in ends)
     return ends[1] if ends[1].converged.all() and there < here - _LOWER else None
 
 
@@ -296,7 +296,7 @@ def _searched(problem: Problem, data: FitData, order: int | None) -> State:
     begun = [common, *damped_search.with_effects(problem, common)]
     if len(begun) > 1:
         ends = [_towards(problem, data, t, one, order) for one in begun]
-        return min(ends, key=_height)
+        return _lowest(ends, data, problem)
     state = _towards(problem, data, t, common, order)
     if problem.unknowns.shared:
         return state
