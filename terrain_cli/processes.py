@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from multiprocessing.connection import Connection
 
 #: In bytes: a little less than the largest piece whose size the C library of Linux learns from.
 _LARGE = 31 * 2**20
@@ -59,6 +60,11 @@ def most_held() -> int:
 
         limits += [limit for limit in getrlimit(RLIMIT_AS)[:1] if limit != RLIM_INFINITY]
     return min(limits, default=_UNKNOWN) // _SHARE
+
+
+def cores() -> int:
+    """Return how many processors this process may use, where the system says so."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def one_thread_of_algebra() -> None:
@@ -135,14 +141,52 @@ def _in_processes(
 
 
 def _hold(function: Callable[[Any], Any]) -> None:
+    _alone()
+    _held[:] = [function]
+
+
+def _alone() -> None:
     # A key that interrupts reaches all processes; the first one ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _jobs.set(1)
-    _held[:] = [function]
 
 
 def _of(item: Any) -> Any:
     return _held[0](item)
+
+
+def beside(work: Callable[[], Result]) -> Callable[[], Result]:
+    """Begin work in another process, and return what waits for its result.
+
+    Where none can be started, or it is killed, that does the work in this one, and raises what it raises.
+    Work and result can be pickled.
+    """
+    from multiprocessing import get_context
+
+    context = get_context()
+    link, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_send, args=(theirs, work), daemon=True)
+    try:
+        process.start()
+    except OSError:
+        return work
+    theirs.close()
+
+    def result() -> Result:
+        try:
+            found: Result = link.recv()
+        except (EOFError, OSError):
+            return work()
+        return found
+
+    return result
+
+
+def _send(link: Connection, work: Callable[[], Any]) -> None:
+    _alone()
+    # Who waits meets the same error, and says it.
+    with suppress(Exception):
+        link.send(work())
 
 
 @contextmanager

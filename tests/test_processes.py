@@ -153,6 +153,23 @@ def test_processes_start_none_of_their_own():
     assert not any(elsewhere for some in inside for _, elsewhere in some)
 
 
+def test_work_beside_is_done_elsewhere_while_this_goes_on():
+    waited = processes.beside(partial(doubled, os.getpid(), 4))
+    assert doubled(os.getpid(), 5) == (10, False)
+    assert waited() == (8, True)
+
+
+def test_work_beside_that_is_killed_is_done_here():
+    assert processes.beside(partial(dies_elsewhere, os.getpid(), 3))() == 6
+
+
+def test_an_error_beside_is_that_of_the_work(capfd):
+    waited = processes.beside(partial(refuses, 3))
+    with pytest.raises(ValueError, match="three"):
+        waited()
+    assert capfd.readouterr().err == ""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("logs")

@@ -150,7 +150,7 @@ def command(context: click.Context, /, **_: Any) -> int:
     """
     from formats.limits import largest_copy
     from terrain_cli.batch import batch_inputs, batch_run, worker_tasks
-    from terrain_cli.run.long_log import cores
+    from terrain_cli.processes import cores
 
     names = context.params["inputs"]
     found = batch_inputs.discover(names)

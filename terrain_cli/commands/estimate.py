@@ -201,8 +201,8 @@ def _outcomes(
     logs: Sequence[str], rover: Rover, settings: Settings, *, jobs: int, quiet: bool
 ) -> Iterable[Outcome]:
     """Run every input, in order, with a progress bar once it has taken a second."""
+    from terrain_cli.processes import cores
     from terrain_cli.run import one_log
-    from terrain_cli.run.long_log import cores
 
     with Progress(len(logs), enabled=not quiet) as progress:
         if jobs == 1 or len(logs) == 1:

@@ -109,6 +109,7 @@ def _tried(
 ) -> Step:
     """Try a change on data; it is not kept."""
     from terrain_cli import improvement
+    from terrain_cli.processes import cores
 
     given = context.params
     with Progress(len(inputs) + 1, enabled=not given["quiet"]) as progress:
@@ -121,6 +122,7 @@ def _tried(
             changed.file,
             seed=given["seed"],
             progress=partial(progress.say, given["file"]),
+            beside=cores() > 1,
         )
 
 
@@ -280,6 +282,7 @@ def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | S
     from terrain_cli import effects, models
     from terrain_cli.diagnosis import diagnose
     from terrain_cli.improvement import until_quiet
+    from terrain_cli.processes import cores
 
     given = context.params
     file = load(given["file"])
@@ -302,6 +305,7 @@ def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | S
         paths=own,
         seed=given["seed"],
         progress=say,
+        beside=cores() > 1,
     )
     while True:
         bar = Progress(1, enabled=not given["quiet"])

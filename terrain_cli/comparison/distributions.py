@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,7 @@ def student_tail(t: ArrayLike, freedom: float) -> Array:
     return np.asarray(np.where(np.asarray(t) < 0.0, 1.0 - share, share))
 
 
+@lru_cache(maxsize=128)
 def student_quantile(share: float, freedom: float) -> float:
     """Return the t that Student's t exceeds with `share`, less than half (Newton's method)."""
     scale = math.lgamma(0.5 * freedom + 0.5) - math.lgamma(0.5 * freedom) - 0.5 * math.log(freedom * math.pi)

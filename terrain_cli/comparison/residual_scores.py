@@ -63,28 +63,35 @@ class ResidualEvidence:
     drivers: Mapping[str, Array]  # shape (n,): labels by their codes; NaN where not known
     group: Index  # shape (n,): soil, counted over all wheels; samples of one group are contiguous
     block: Index  # shape (n,): counted over all wheels
-    #: Values of shapes at the drivers, kept where they are few: every search of these samples asks for them
-    #: again and again, and residuals do not change them.
-    _kept: dict[tuple[tuple[Shape, ...], int], Array] = field(default_factory=dict, compare=False, repr=False)
+    #: Shapes and terms by channel and first sample, kept where they are few: every search of these samples
+    #: asks for them again and again, and residuals do not change them.
+    _kept: dict[tuple[str, int], tuple[Sequence[Shape], Array]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
     def __len__(self) -> int:
         return len(self.group)
 
     def terms(self, channel: str, shapes: Sequence[Shape], rows: slice) -> Array:
         """Evaluate derivatives by the common parameters, then shapes: (samples, m + shapes)."""
-        return np.hstack([self.slopes[channel].common[rows], self._shaped(tuple(shapes), rows)])
+        kept = self._kept.get((channel, rows.start))
+        if kept is not None and kept[0] is shapes:
+            return kept[1]
+        found = np.hstack([self.slopes[channel].common[rows], self._shaped(shapes, rows)])
+        if len(self) <= _FEW:
+            self._kept[channel, rows.start] = shapes, found
+        return found
 
-    def _shaped(self, shapes: tuple[Shape, ...], rows: slice) -> Array:
-        if (shapes, rows.start) in self._kept:
-            return self._kept[shapes, rows.start]
+    def _shaped(self, shapes: Sequence[Shape], rows: slice) -> Array:
+        for (_, start), (known, kept) in self._kept.items():
+            if start == rows.start and known == shapes:
+                return kept[:, kept.shape[1] - len(shapes) :]
         out = np.zeros((len(self.group[rows]), len(shapes)))
         for column, shape in enumerate(shapes):
             if shape.name == "constant":
                 out[:, column] = 1.0
             elif shape.driver in self.drivers:
                 out[:, column] = np.nan_to_num(shape(self.drivers[shape.driver][rows]))
-        if len(self) <= _FEW:
-            self._kept[shapes, rows.start] = out
         return out
 
     def cells(
@@ -101,8 +108,10 @@ class ResidualEvidence:
         for start in range(0, len(self), _SLAB):
             stop = min(start + _SLAB, len(self))
             use = known[start:stop, None]
-            terms = np.where(use, self.terms(channel, shapes, slice(start, stop)), 0.0)
-            soil = np.where(use, self.slopes[channel].soil[start:stop], 0.0)
+            terms = self.terms(channel, shapes, slice(start, stop))
+            soil = self.slopes[channel].soil[start:stop]
+            if not use.all():
+                terms, soil = np.where(use, terms, 0.0), np.where(use, soil, 0.0)
             inside = ends[np.searchsorted(ends, start, side="right") : np.searchsorted(ends, stop)]
             for low, high in zip([start, *inside], [*inside, stop], strict=True):
                 part = slice(low - start, high - start)
@@ -153,15 +162,18 @@ class System:
     def add(self, cells: Iterable[ScoreCell]) -> System:
         """Collect the moments of all samples, eliminate the groups' own parameters, and return the system."""
         # Cells of one channel have one array of places: theirs are summed before they go among all terms.
-        crosses: dict[int, tuple[Index, Array]] = {}
+        crosses: dict[tuple[int, float], tuple[Index, Array]] = {}
         for cell in cells:
-            weighted, columns = cell.terms * cell.weight, cell.columns
-            self._soil[cell.group] += cell.weight * cell.soil.T @ cell.soil
-            self._mixed[cell.group][:, columns] += cell.soil.T @ weighted
-            _, cross = crosses.setdefault(id(columns), (columns, np.zeros((len(columns), len(columns)))))
-            cross += weighted.T @ cell.terms
-        for columns, cross in crosses.values():
-            self._cross[np.ix_(columns, columns)] += cross
+            weight, columns = cell.weight, cell.columns
+            self._soil[cell.group] += weight * cell.soil.T @ cell.soil
+            self._mixed[cell.group][:, columns] += weight * (cell.soil.T @ cell.terms)
+            if (id(columns), weight) not in crosses:
+                crosses[id(columns), weight] = columns, np.zeros((len(columns), len(columns)))
+            _, cross = crosses[id(columns), weight]
+            # Of a table with itself half of the products are formed.
+            cross += cell.terms.T @ cell.terms
+        for (_, weight), (columns, cross) in crosses.items():
+            self._cross[np.ix_(columns, columns)] += weight * cross
         self._squares = np.diag(self._cross).copy()
         self._groups = eliminate(self._soil, self._mixed, pseudo_inverse)
         self._cross -= self._groups.taken()

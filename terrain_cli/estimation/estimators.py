@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from terrain_cli import estimation, models
+from terrain_cli import estimation, models, processes
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import fit_account, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
@@ -24,7 +24,7 @@ from terrain_cli.vocabulary.choices import FIT_SAMPLES
 from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -361,3 +361,19 @@ class EstimateRequest:
     def stress(self) -> float | None:
         """`at_stress` in Pa."""
         return None if self.at_stress is None else 1e3 * self.at_stress
+
+
+def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[WindowEstimates | None]]:
+    """Return the estimates of several requests."""
+    return [one.estimates for one in asked]
+
+
+def estimate_beside(asked: Sequence[EstimateRequest]) -> Callable[[], None]:
+    """Begin to estimate in another process; return what waits for it, and then has the requests answered."""
+    waited = processes.beside(partial(estimates_of, asked))
+
+    def answer() -> None:
+        for one, found in zip(asked, waited(), strict=True):
+            vars(one)["estimates"] = found
+
+    return answer

@@ -14,7 +14,8 @@ from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
-from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
+from terrain_cli.effects import catalogue
+from terrain_cli.estimation.estimators import EstimateRequest, FitSettings, estimate_beside
 from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
@@ -106,11 +107,20 @@ def tried(
     first: Comparison | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
+    beside: bool = False,
 ) -> Step:
-    """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out."""
+    """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out.
+
+    The segments are estimated in this process, or in one `beside` it.
+    """
     # An effect has one value for a wheel, in all of its inputs.
     effects = [effect for file in (before, after) for effect in file.model.effects]
     parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
+    # c and φ are those of the segments, however many soils the two models are compared on.
+    asked = [EstimateRequest(wheels=wheels, file=file) for file in (before, after)]
+    # Both processes need the catalogue, which is read before there are two.
+    catalogue()
+    answer = estimate_beside(asked) if beside else lambda: None
 
     def telling(what: str) -> Callable[[str], None]:
         return lambda step: progress(f"{what}: {step}")
@@ -138,9 +148,9 @@ def tried(
             # `compare` joins soils as well, but finds no steps within them.
             compared_after = again
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
-    # c and φ are those of the segments, however many soils the two models were compared on.
-    first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
-    second = replace(second, warnings=remarks, soils=EstimateRequest(wheels=wheels, file=after))
+    answer()
+    first = replace(first, soils=asked[0])
+    second = replace(second, warnings=remarks, soils=asked[1])
     differences = between_soils(first, second)
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, wheels)

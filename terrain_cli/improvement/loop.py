@@ -30,6 +30,7 @@ def until_quiet(
     paths: Mapping[str, str] | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
+    beside: bool = False,
 ) -> Iterator[Step | Stopped]:
     """Add what is missing, effect by effect, and keep only what pays on held-out data.
 
@@ -39,7 +40,8 @@ def until_quiet(
     names them, and the drive that would tell. When the alarm is silent, or nothing pays, every effect that
     was added is taken out again by way of trial, and stays out unless the held-out error rises. `draft`
     writes the file of an effect for what no candidate explains; without it the loop ends there. Paths begin
-    in the folder of the model file. Yields every change that was tried, and at last where it ended.
+    in the folder of the model file; `beside` is that of `tried`. Yields every change that was tried, and at
+    last where it ended.
     """
     modulus = wheels[0].samples.geometry.shear_modulus
     named = dict(paths or {})
@@ -59,6 +61,7 @@ def until_quiet(
             first=first,
             seed=seed,
             progress=lambda what: progress(f"{action} {' '.join(names)}: {what}"),
+            beside=beside,
         )
         kept = step.pays if action == "add" else not step.costs
         return replace(step, kept=kept), change.file if kept else current

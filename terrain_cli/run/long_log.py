@@ -227,11 +227,6 @@ def account(of: Samples, rows: int, used: int, reasons: dict[str, int], remarks:
     }
 
 
-def cores() -> int:
-    """Return how many processors this process may use, where the system says so."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def work_beside(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     """Do what `work` does in another process, if it can be started, and raise what that raises."""
     try:

@@ -1,9 +1,12 @@
-"""What is said of a parameter beside its value."""
+"""What is said of a parameter beside its value, and estimates that another process makes meanwhile."""
 
 import pytest
+from changed_models import write_all
 
-from terrain_cli import effects
-from terrain_cli.improvement.change_trial import remark
+from terrain_cli import effects, models, rover, telemetry
+from terrain_cli.estimation import estimators
+from terrain_cli.improvement.change_trial import remark, tried
+from terrain_cli.windows import cut_windows
 
 
 @pytest.mark.parametrize(
@@ -31,3 +34,21 @@ def test_a_heavy_wheel_has_more_friction():
 def test_of_the_soil_only_what_the_data_leave_open_is_remarked():
     assert remark(None, 0.02, determined=True) == ""
     assert remark(None, 0.02, determined=False) == "the data leave it open"
+
+
+def test_another_process_estimates_the_segments_of_both_models(tmp_path, monkeypatch):
+    write_all(tmp_path)
+    (samples,) = telemetry.read(str(tmp_path / "sinks.csv"), rover.load(tmp_path / "rover.toml"), effects=[])
+    before = models.resolve("wong-reece")
+    after = models.added(before, ["slip-sinkage"], samples.geometry.shear_modulus).file
+    estimate, made = estimators.estimate, []
+    monkeypatch.setattr(
+        estimators, "estimate", lambda *given, **options: made.append(1) or estimate(*given, **options)
+    )
+    change = [cut_windows.cut(samples, "none")], "add", ["slip-sinkage"], before, after
+    elsewhere = tried(*change, beside=True)
+    assert not made
+    here = tried(*change)
+    assert len(made) == 2
+    assert elsewhere.shifts == here.shifts
+    assert here.shifts[0].largest > 0.0

@@ -326,6 +326,9 @@ class LikelyNoise:
             information = known + precision + independent * stiff
             slope = told - known @ (to - start) - precision @ to + independent * beyond
             step = np.clip(np.linalg.solve(information, slope), -_LONGEST, _LONGEST)
+            # Where no channel says anything, the first step has found it.
+            if np.abs(step).max() < _LEAST:
+                break
             here = height(to)
             while np.abs(step).max() > _SHORTEST * _SURE and height(to + step) < here:
                 step = 0.5 * step

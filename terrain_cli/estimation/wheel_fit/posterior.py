@@ -56,6 +56,8 @@ if TYPE_CHECKING:
 #: Samples of each window, and nodes on each arc, for the corrections. To the mean of a shared
 #: unknown every window adds in the same direction: more samples, lest their errors add up too.
 _SAMPLES, _SAMPLES_SHARED, _ORDER = 6, 30, 5
+#: Samples of all moves that are worked on together: with more, memory grows and nothing is faster.
+_TOGETHER = 16_384
 #: Length of a difference, in posterior standard deviations and in those of the noise.
 _STEP = 0.3
 #: The mean is never taken to be further than this from the mode, in posterior standard deviations.
@@ -292,21 +294,25 @@ def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -
     """Return the way from the mode to the mean, of own unknowns with the shared ones held, and of these."""
     local = own.shape[1]
 
-    def volume(normal: Normal) -> tuple[Array, float]:
-        inner = normal.information[:, :local, :local] + np.eye(local)
-        return np.linalg.slogdet(inner)[1], float(np.linalg.slogdet(eliminate(normal, local)[2])[1])
+    def volume(normal: Normal) -> Array:
+        return np.asarray(np.linalg.slogdet(normal.information[:, :local, :local] + np.eye(local))[1])
 
-    base, base_shared = volume(at_mode)
-    axes = square_root(own)
+    def volume_shared(normal: Normal) -> float:
+        return float(np.linalg.slogdet(eliminate(normal, local)[2])[1])
+
+    base, base_shared = volume(at_mode), volume_shared(at_mode)
+    axes = np.moveaxis(square_root(own), 2, 0)
     move = np.zeros(own.shape[:2])
-    for axis in np.moveaxis(axes, 2, 0):
-        change = volume(few.normal(_STEP * axis, 0.0))[0] - base
-        move -= 0.5 * axis * (change / _STEP)[:, None]
+    several = max(_TOGETHER // max(few.latent.shape[1], 1), 1)
+    for some in np.split(axes, range(several, len(axes), several)):
+        change = volume(few.normal(_STEP * some, 0.0)).reshape(some.shape[:2]) - base
+        move -= 0.5 * np.einsum("kwp,kw->wp", some, change / _STEP)
     move = _bounded(move, own)
     move_shared = np.zeros(len(held))
     for axis in square_root(held).T if len(held) else held:
-        there, there_shared = volume(few.normal(_STEP * gain @ axis, _STEP * axis))
-        move_shared -= 0.5 * axis * (float(np.sum(there - base)) + there_shared - base_shared) / _STEP
+        there = few.normal(_STEP * (gain @ axis)[None], _STEP * axis)
+        change_shared = float(np.sum(volume(there) - base)) + volume_shared(there) - base_shared
+        move_shared -= 0.5 * axis * change_shared / _STEP
     if np.any(np.abs(move_shared) > _SMALL * np.sqrt(np.diagonal(held))):
         # Not a correction of second order any more, and for unknowns that all windows share there is
         # no other window to average it out: the mode is kept.
@@ -334,11 +340,18 @@ class _Few:
         self.latent = state.latent[:, rows]
         self.weight = (data.count / np.maximum(count, 1))[:, None, None]
 
-    def normal(self, move: Array, move_shared: Array | float) -> Normal:
-        """Return the normal equations away from the mode."""
-        t, common = _within(self.problem, self.state.t + move, self.state.common + move_shared)
-        found = accumulate(self.problem, self.data, t, common, self.latent.copy(), order=_ORDER)
-        return Normal(self.weight * found.information, self.weight[:, 0] * found.score, found.misfit)
+    def normal(self, moves: Array, move_shared: Array | float) -> Normal:
+        """Return the normal equations away from the mode: of all windows by the first move, then the next.
+
+        `moves` has the shape (k, w, p).
+        """
+        number, windows, local = moves.shape
+        data = self.data.only(np.tile(np.arange(windows), number))
+        t = (self.state.t + moves).reshape(number * windows, local)
+        t, common = _within(self.problem, t, self.state.common + move_shared)
+        latent, weight = np.tile(self.latent, number), np.tile(self.weight, (number, 1, 1))
+        found = accumulate(self.problem, data, t, common, latent, order=_ORDER)
+        return Normal(weight * found.information, weight[:, 0] * found.score, found.misfit)
 
     def at_mode(self) -> tuple[Normal, Array]:
         """Return the normal equations at the mode, and how much of the information is noise."""

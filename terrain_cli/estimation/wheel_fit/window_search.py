@@ -153,9 +153,15 @@ def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> S
     some = data.thinned(_TRIED)
     centre, nothing = damped_search.centre(problem, some)
     begun = [centre, *damped_search.others(problem, some, nothing)]
-    rough = [descend(problem, some, t, nothing, order=order, iterations=_ROUGHLY) for t in begun]
-    best = _lowest(rough, some, problem)
-    return _descended(problem, data, [(ended.t, ended.common), (best.t, best.common)], order)
+    if problem.unknowns.shared:
+        rough = [descend(problem, some, t, nothing, order=order, iterations=_ROUGHLY) for t in begun]
+        best = _lowest(rough, some, problem)
+        return _descended(problem, data, [(ended.t, ended.common), (best.t, best.common)], order)
+    copies, every = _copies(some, len(begun)), np.concatenate(begun)
+    ends = descend(problem, copies, every, nothing, order=order, iterations=_ROUGHLY)
+    lowest = ends.merit.reshape(len(begun), -1).argmin(axis=0)
+    t = ends.t.reshape(len(begun), *centre.shape)[lowest, np.arange(len(lowest))]
+    return _descended(problem, data, [(ended.t, ended.common), (t, nothing)], order)
 
 
 def _with_all(problem: Problem, data: FitData, ends: State, order: int | None) -> State:
@@ -178,6 +184,11 @@ def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
         rows = data.rows_of(at)
         put(best, end.only(at, rows), at, rows)
     return best
+
+
+def _copies(data: FitData, number: int) -> FitData:
+    """Return windows that share nothing so many times: many searches at once take the time of one."""
+    return data.only(np.tile(np.arange(len(data.windows)), number))
 
 
 def _downhill(problem: Problem, data: FitData, state: State, order: int | None) -> State:
@@ -309,10 +320,14 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     bad = np.flatnonzero(~state.converged | (state.merit > usual + _BAD * np.sqrt(2.0 * usual)))
     if len(bad) == 0 or len(bad) > max(_FEW_BAD * len(t), 5):
         return state
-    again = data.only(bad)
-    rows = data.rows_of(bad)
-    for other in damped_search.others(problem, again, common):
-        tried = solve(problem, again, initial(again, other, common), order=order, iterations=_ELSEWHERE)
+    again, rows = data.only(bad), data.rows_of(bad)
+    begun = list(damped_search.others(problem, again, common))
+    copies = _copies(again, len(begun))
+    ends = solve(
+        problem, copies, initial(copies, np.concatenate(begun), common), order=order, iterations=_ELSEWHERE
+    )
+    for own in np.split(np.arange(len(ends.t)), len(begun)):
+        tried = ends.only(own, copies.rows_of(own))
         better = tried.converged & ((tried.merit < state.merit[bad] - _LOWER) | ~state.converged[bad])
         at = bad[better]
         state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
