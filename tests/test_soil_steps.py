@@ -10,11 +10,13 @@ import pytest
 from changed_models import ROVER, write_log
 from simulator import DRY_SAND
 
-STIFFER = replace(
-    DRY_SAND,
-    cohesive_modulus=3.0 * DRY_SAND.cohesive_modulus,
-    frictional_modulus=3.0 * DRY_SAND.frictional_modulus,
-)
+
+def stiffer(factor):
+    moduli = {name: factor * getattr(DRY_SAND, name) for name in ("cohesive_modulus", "frictional_modulus")}
+    return replace(DRY_SAND, **moduli)
+
+
+STIFFER = stiffer(3.0)
 SECONDS = 24.0
 HIDDEN = {
     "clean": {},
@@ -68,6 +70,20 @@ def test_an_effect_is_found_across_both(terrain_est_here, folder, tmp_path, name
     assert added["pays"]
     for channel in added["channels"].values():
         assert channel["heldout_after"] < 1.15 * channel["noise"]
+
+
+def test_an_effect_that_explains_much_besides_does_not_make_two_soils_one(terrain_est_here, folder, tmp_path):
+    effects = {"drawbar-bias": {"offset": 8.0}}
+    write_log(tmp_path / "pulled.csv", effects, seed=41, seconds=SECONDS, soils=(DRY_SAND, stiffer(1.2)))
+    (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
+    rows = len((tmp_path / "pulled.csv").read_text("utf-8").splitlines()) - 1
+    halves = ("--segments", "fixed", "--window-samples", str(rows // 2))
+    done = terrain_est_here("diagnose", "pulled.csv", *halves, "--json", "-q", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    first = found["candidates"][0]
+    assert first["effect"] == "drawbar-bias"
+    assert first["heldout_rmse"]["sinkage"] < 1.2 * found["channels"]["sinkage"]["noise"]
 
 
 def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here, folder, tmp_path):
