@@ -191,10 +191,14 @@ def test_samples_that_cannot_be_used(set_aside, cells, reason):
     assert [int(row["sample"]) for row in rejects] == [place + 1 for place in places]
 
 
-def test_the_line_cannot_use_a_wheel_that_skids(set_aside):
+def test_the_line_cannot_use_a_wheel_that_skids(set_aside, run):
     skids = text(changed(velocity=(range(40, 45), "0.2")))
     set_aside(write("run.csv", skids), {"wheel skids (slip < 0)": 5})
     set_aside(write("run.csv", skids), {}, options=("--method", "auto"))
+    # By default the full model is asked, which can.
+    code, out, err = run("inspect", "run.csv")
+    assert code == 0, err
+    assert f"{N} samples can be used" in out
 
 
 def test_reasons_are_counted_beside_each_other(set_aside):

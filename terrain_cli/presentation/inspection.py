@@ -161,7 +161,7 @@ def _wheel(
     if lacks:
         return entry
     try:
-        judged = assemble(Request(layout=layout, rover=rover), raw)
+        judged = assemble(Request(layout=layout, rover=rover, effects=()), raw)
     except InputError as error:
         # A unit is wrong: that of the clock, unless it says of which channel.
         entry["missing"] = [{"what": getattr(error, "channel", "time"), "because": str(error)}]
