@@ -284,8 +284,8 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
     effects = [effect.id for effect in end.file.model.effects]
     model = " + ".join([end.file.model.base, *effects])
     lines = [f"{end.because}; {model if kept else 'the model is as it was'}"]
-    # One that was dropped later is in doubt no more.
-    doubted = [step for step in kept if step.rivals and {*step.changed} <= {*effects}]
+    # One that was dropped later is in doubt no more, nor one whose rivals were added too.
+    doubted = [step for step in kept if {*step.rivals} - {*effects} and {*step.changed} <= {*effects}]
     lines += [f"kept {listed(step.changed)}; {doubt(step)}" for step in doubted]
     if kept:
         first, last = kept[0], kept[-1]

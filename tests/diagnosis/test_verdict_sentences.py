@@ -27,6 +27,7 @@ def diagnosed(heldout, verdict="effect", together=()):
         family=together or ("gear-efficiency",),
         unknown=None,
         together=together,
+        together_or=(),
     )
 
 

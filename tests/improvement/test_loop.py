@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from contextlib import chdir
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -74,6 +75,7 @@ def diagnosing(*answers):
             family=tuple(names),
             unknown=unknown,
             together=(),
+            together_or=(),
             candidates=[],
             heldout={},
             soils=(0, 0),
@@ -131,6 +133,11 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
         "kept slip-sinkage; these data do not tell it from drivetrain-friction and load-bias: "
         "drive for slip-sinkage" in change_text.loop_text([*refused, kept], end)
     )
+    # Where its rivals are in the model too, nothing is in doubt.
+    effects_too = tuple(SimpleNamespace(id=name) for name in family)
+    model = replace(end.file.model, effects=effects_too)
+    both = replace(end, file=replace(end.file, model=model))
+    assert "do not tell" not in change_text.loop_text([kept], both)
     whole = change_text.loop([*refused, kept], end)["steps"][-1]
     entry = model_history.entry(kept, "")
     for found in (whole, entry):
@@ -208,7 +215,7 @@ def test_what_nature_does_not_have_is_not_kept_though_the_error_falls(sinks):
 
 def test_unknown_stops_without_a_place_for_a_draft(sinks):
     steps, end = run(
-        sinks, SimpleNamespace(channel="torque", driver="yaw_rate", sentence="sinkage follows slip")
+        sinks, SimpleNamespace(law="torque follows yaw rate", draft="", sentence="sinkage follows slip")
     )
     assert (steps, end.silent) == ([], False)
     assert end.because == "sinkage follows slip; no draft was asked for"
@@ -244,7 +251,7 @@ def test_candidates_of_ones_own_are_named_by_their_paths(own):
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
         comparison=SimpleNamespace(
-            channels={}, blocks=20, stretch=None, doubted=(), refused=Refused(), points=False
+            channels={}, blocks=20, stretch=None, doubted=(), refused=Refused(), points=False, failures=[]
         ),
         heldout={},
         soils=(0, 0),
@@ -255,6 +262,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
         family=(),
         unknown=None,
         together=(),
+        together_or=(),
         candidates=[],
         next_drive=[],
     )
