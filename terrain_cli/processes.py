@@ -165,7 +165,7 @@ def beside(work: Callable[[], Result]) -> Callable[[], Result]:
 
     context = get_context()
     link, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_send, args=(theirs, work), daemon=True)
+    process = context.Process(target=_send, args=(link, theirs, work), daemon=True)
     try:
         process.start()
     except OSError:
@@ -182,8 +182,10 @@ def beside(work: Callable[[], Result]) -> Callable[[], Result]:
     return result
 
 
-def _send(link: Connection, work: Callable[[], Any]) -> None:
+def _send(waits: Connection, link: Connection, work: Callable[[], Any]) -> None:
     _alone()
+    # Where who waits has gone, sending fails, and does not wait for this process to read.
+    waits.close()
     # Who waits meets the same error, and says it.
     with suppress(Exception):
         link.send(work())

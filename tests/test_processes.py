@@ -9,10 +9,12 @@ import select
 import signal
 import subprocess
 import sys
+import time
 from functools import partial
 
 import pytest
 from changed_models import write_all
+from child_processes import alive, children
 
 from terrain_cli import processes
 
@@ -168,6 +170,31 @@ def test_an_error_beside_is_that_of_the_work(capfd):
     with pytest.raises(ValueError, match="three"):
         waited()
     assert capfd.readouterr().err == ""
+
+
+BESIDE = """
+import time
+from functools import partial
+from terrain_cli import processes
+if __name__ == "__main__":
+    waited = processes.beside(partial(bytes, 10_000_000))
+    print(flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems tell of processes in other ways")
+def test_work_beside_ends_where_nobody_waits_for_it_any_more(tmp_path):
+    """More than a pipe holds: it is not sent before somebody reads."""
+    (tmp_path / "waits.py").write_text(BESIDE, "utf-8")
+    with subprocess.Popen([sys.executable, tmp_path / "waits.py"], stdout=subprocess.PIPE) as waiting:
+        waiting.stdout.readline()
+        (other,) = children(waiting.pid)
+        waiting.kill()
+    until = time.monotonic() + 20.0
+    while alive(other) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not alive(other)
 
 
 @pytest.fixture(scope="module")
