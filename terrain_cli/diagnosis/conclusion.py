@@ -174,7 +174,9 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
             # A first check alone is no proof where the errors are those of noise.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
-        size = _on_fewer(found) + (_size(above) if above else _not_random(known))
+        soils, segments = found.fewer
+        size = f"with {counted(soils, 'soil')} in place of {segments}, " * bool(soils)
+        size += _size(above) if above else _not_random(known)
         size += f" (noise in {found.noise_with})" * bool(found.noise_with)
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
@@ -194,11 +196,6 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     if command:
         told += f" It needs {found.several} soils; a diagnosis tells whether one effect can take their place."
     return Conclusion("fits", f"{told} Next: {command}" if command else told, command)
-
-
-def _on_fewer(found: Evidence) -> str:
-    soils, segments = found.fewer
-    return f"with {counted(soils, 'soil')} in place of {segments}, " if soils else ""
 
 
 def _unseen(found: Evidence) -> str:
@@ -392,6 +389,9 @@ def _record(found: Evidence, *, few: bool) -> str:
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
     told = "" if found.steps else "The soil may vary, or the model lacks something. "
     told += f"{again}: if the misfit changes, it is the soil; if it returns, the model."
+    if [*above_noise(found.ratios)] == ["drawbar pull"] and len(found.ratios) > 1:
+        others = listed([name for name in found.ratios if name != "drawbar pull"])
+        told = f"As {others} fit, look for what acts on the pull alone: a slope, a tether or its sensor."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

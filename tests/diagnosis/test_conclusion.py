@@ -441,6 +441,16 @@ def test_what_a_finding_tracks_was_recorded_though_no_effect_explains_it():
     )
 
 
+def test_where_the_pull_alone_is_off_it_is_not_the_soil():
+    """Another soil would show in torque or sinkage too."""
+    ratios = {"torque": 1.0, "drawbar pull": 21.0, "sinkage": 1.02}
+    told = conclude(evidence(ratios, verdict="none"), ASKED).sentence
+    assert "As torque and sinkage fit, look for what acts on the pull alone: a slope, a tether or" in told
+    assert "soil" not in told
+    # Alone it tells nothing of what else fits.
+    assert AGAIN in conclude(evidence({"drawbar pull": 21.0}, verdict="none"), ASKED).sentence
+
+
 def test_the_next_command_changes_the_file_that_is_there():
     told = conclude(evidence(OFF, raised=True, verdict="effect", family=("slope",)), FILE)
     assert told.command == "terrain-est model add rig.toml slope --data run.csv"
