@@ -10,6 +10,7 @@
    and windows are joined as long as a bound between them gains less than the penalty. The terms of a driver
    cost as much as one change does.
 5. `sinkage_changes`: where strength goes on, but the wheel sinks deeper, or less, the line shows nothing.
+6. `placed`: bounds move to where the line and the sinkage together say that the soil changes.
 
 The constants were chosen by benchmarks/segmentation_study.py; its table is in benchmarks/results.
 """
@@ -26,7 +27,7 @@ import numpy as np
 from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.candidate_search import Limits, candidates
-from terrain_cli.windows.merging import Criteria, Criterion, Refinement
+from terrain_cli.windows.merging import LONGEST_BRIDGE, REACH, Criteria, Criterion, Refinement
 from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ _LONGEST, _LONG_SAMPLES = 15, 1 << 14
 #: Fewer samples than this are not searched: they tell nothing of their noise.
 _FEWEST = 6
 #: Of bounds between five numbers instead of two, chance gains this as rarely (χ², five degrees of freedom).
+#: By as much the place of a bound must be better than that by the line alone.
 _OWN_PENALTY = 33.0
 #: Share of its trace that is added to a matrix, lest a constant load make it singular.
 _RIDGE = 1e-10
@@ -309,13 +311,10 @@ def sinkage_changes(
 
 def _in_logarithms(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> tuple[Array, Array] | None:
     """Return the coordinates of a line of slope 1 in each window; None where something is not known."""
-    if not all(np.isfinite(column).all() for column in (load, sinkage, slip)) or not len(load):
+    known = _logarithms(load, sinkage, slip)
+    if known is None:
         return None
-    usual_load, usual_sinkage = float(np.median(load)), float(np.median(sinkage))
-    if usual_load <= 0.0 or usual_sinkage <= 0.0 or np.ptp(sinkage) == 0.0:
-        return None
-    weight = np.log(np.maximum(load / usual_load, _LEAST_LOAD))
-    depth = np.log(np.maximum(sinkage / usual_sinkage, _LEAST_SINKAGE))
+    weight, depth = known
     # A change of soil is a step, which hardly shows within a block.
     blocks = np.unique(np.concatenate([bounds, np.arange(0, len(load), _SINKAGE_BLOCK)]))
     terms = [weight, slip, slip**2, slip * weight]
@@ -325,6 +324,62 @@ def _in_logarithms(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> 
     for own, term in zip(found.T, terms, strict=True):
         depth -= np.repeat(own, np.diff(bounds)) * term
     return 1.0 + _SINKAGE_SHARE * weight, 1.0 + _SINKAGE_SHARE * (weight + depth - _mean(depth, bounds))
+
+
+def _logarithms(load: Array, sinkage: Array, slip: Array) -> tuple[Array, Array] | None:
+    """Return logarithms of load and sinkage over what is usual; None where something is not known."""
+    if not all(np.isfinite(column).all() for column in (load, sinkage, slip)) or not len(load):
+        return None
+    usual_load, usual_sinkage = float(np.median(load)), float(np.median(sinkage))
+    if usual_load <= 0.0 or usual_sinkage <= 0.0 or np.ptp(sinkage) == 0.0:
+        return None
+    weight = np.log(np.maximum(load / usual_load, _LEAST_LOAD))
+    return weight, np.log(np.maximum(sinkage / usual_sinkage, _LEAST_SINKAGE))
+
+
+def placed(
+    line: tuple[Array, Array],
+    load: Array,
+    sinkage: Array,
+    slip: Array,
+    bounds: Bounds,
+    fixed: Index,
+    *,
+    distance: Array | None,
+    min_samples: int,
+    min_distance: float,
+) -> Bounds:
+    """Move bounds that are not `fixed` to the best sample near them, if that is better beyond chance.
+
+    The line alone places a bound badly where an error of the slip or the load bends it. What counts is the
+    sum of squares, in units of the noise, that a line on each side leaves of y, and of the logarithm of
+    the sinkage over that of the load and slip.
+    """
+    known = _logarithms(load, sinkage, slip)
+    if known is None:
+        return bounds
+    tables = np.stack(line), np.stack([known[0], slip, known[1]])
+    driven = None if distance is None else np.append(distance, distance[-1])
+    limits = Limits(min_samples, min_distance, driven)
+    bounds = bounds.copy()
+    for place in np.flatnonzero(~np.isin(bounds[1:-1], fixed)) + 1:
+        before, here, after = bounds[place - 1 : place + 2]
+        first, last = max(before, here - LONGEST_BRIDGE), min(after, here + LONGEST_BRIDGE)
+        cuts = np.arange(max(first + 1, here - REACH), min(last, here + REACH + 1))
+        cuts = cuts[(cuts == here) | (limits.met(before, cuts) & limits.met(cuts, after))]
+        cost = np.sum([_two_lines(table[:, first:last], cuts - first) for table in tables], axis=0)
+        if cost[cuts == here] - cost.min() > _OWN_PENALTY:
+            bounds[place] = cuts[cost.argmin()]
+    return bounds
+
+
+def _two_lines(table: Array, cuts: Index) -> Array:
+    """Return what lines before and from each cut leave of the last row, in units of the noise's variance."""
+    rows = np.concatenate([np.ones((1, table.shape[1])), table - table.mean(axis=1, keepdims=True)])
+    sums = np.cumsum(np.einsum("an,bn->nab", rows, rows), axis=0)
+    left = sums[cuts - 1]
+    squares = _left(left) + _left(sums[-1] - left)
+    return np.asarray(squares * (table.shape[1] - 2 * len(table)) / max(float(squares.min()), 1e-300))
 
 
 def _mean(column: Array, bounds: Bounds) -> Array:

@@ -14,7 +14,7 @@ from terrain_cli.mechanics.rates import wheel_angle
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.vocabulary.quantities import the_wheel
-from terrain_cli.windows.change_points import change_points, needed, sinkage_changes, whole_windows
+from terrain_cli.windows.change_points import change_points, needed, placed, sinkage_changes, whole_windows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -196,7 +196,6 @@ def cut(
             "distance": None if distance is None else distance[lined_up],
             "min_samples": CUT_SAMPLES if min_samples is None else min_samples,
             "min_distance": MIN_DISTANCE if window_distance is None else window_distance,
-            "before": before,
         }
         # What the line of a soil may seem to follow where the model lacks an effect.
         followed = [samples.channels[name][index][lined_up] for name in FOLLOWED if name in samples.channels]
@@ -204,9 +203,11 @@ def cut(
         load, sinkage, slip = (
             samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip")
         )
-        changes = change_points(x[lined_up], y[lined_up], breaks=own, **limits)
-        changes = needed(x[lined_up], y[lined_up], followed, changes, own)
-        changes = sinkage_changes(load, sinkage, slip, followed, changes, **limits)
+        lines = x[lined_up], y[lined_up]
+        changes = change_points(*lines, breaks=own, before=before, **limits)
+        changes = needed(*lines, followed, changes, own)
+        changes = sinkage_changes(load, sinkage, slip, followed, changes, before=before, **limits)
+        changes = placed(lines, load, sinkage, slip, changes, own, **limits)
         # A wheel that skids between two soils belongs to the first: no line tells.
         inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
         bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 #: Samples beside a bound in which a new soil shows.
 BESIDE = 60
 #: Samples by which a bound is moved at the most in a round.
-_REACH = 2 * BESIDE
+REACH = 2 * BESIDE
 #: Longest window that may be a bridge.
 LONGEST_BRIDGE = 10 * BESIDE
 #: A line's slope is known where its standard error is below this share of it ...
@@ -131,7 +131,7 @@ class Refinement:
             at = at[~self._is_settled(a, b, c)]
             for some in np.split(at, range(_TOGETHER, len(at), _TOGETHER)) if len(at) else ():
                 before, here, behind = around[:, some]
-                low, high = np.maximum(before + 1, here - _REACH), np.minimum(behind - 1, here + _REACH)
+                low, high = np.maximum(before + 1, here - REACH), np.minimum(behind - 1, here + REACH)
                 best, cost = self._best_between(before, low, high, behind)
                 bounds[some + 1] = np.where(np.isfinite(cost), best, here)
         far = np.abs(bounds[1:-1] - around[1]) > BESIDE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from terrain_cli.windows import online_cuts
-from terrain_cli.windows.change_points import sinkage_changes
+from terrain_cli.windows.change_points import placed, sinkage_changes
 from terrain_cli.windows.online_cuts import OnlineCuts
 
 N, RATE = 3000, 20.0
@@ -89,3 +89,48 @@ def test_as_samples_arrive():
     columns[online_cuts.SINKAGE] = np.nan
     cuts = OnlineCuts()
     assert [*cuts.add(columns), *cuts.end()] == []
+
+
+def lines(seed, load, cohesion):
+    """Return x and y of soils of some cohesion, one for each half."""
+    noise = np.random.default_rng(seed).normal(size=(2, N))
+    x = 100.0 * load * (1.0 + 0.03 * noise[0])
+    return x, np.where(np.arange(N) < HALF, *cohesion) + 0.6 * 100.0 * load * (1.0 + 0.1 * noise[1])
+
+
+def place(bounds, seed, *, cohesion=(500.0, 900.0), fixed=(), stiffer=2.0, digging=0.0, **limits):
+    load, sinkage, slip = drive(seed, stiffer=stiffer, digging=digging)
+    line = lines(seed, load, cohesion)
+    bounds, fixed = (np.array(places, dtype=np.intp) for places in (bounds, fixed))
+    return placed(line, load, sinkage, slip, bounds, fixed, **LIMITS | limits).tolist()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("off", [-90, 12, 75])
+def test_a_bound_moves_to_where_the_wheel_begins_to_sink_otherwise(seed, off):
+    begun, found, end = place([0, HALF + off, N], seed)
+    assert (begun, end) == (0, N)
+    assert found == pytest.approx(HALF, abs=1)
+
+
+def test_what_is_given_stays():
+    """A break of the log is no place that the soil chose."""
+    assert place([0, HALF + 40, N], 0, fixed=[HALF + 40]) == [0, HALF + 40, N]
+    # Nor is a window made shorter than it may be.
+    driven = np.linspace(0.0, 30.0, N)
+    near = [0, HALF - 30, HALF + 40, N]
+    assert place(near, 0, distance=driven, min_distance=0.5)[2] - HALF + 30 >= 50
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_where_the_sinkage_goes_on_a_bound_stays_where_the_line_has_it(seed):
+    cohesion = (500.0, 3000.0)
+    assert place([0, HALF, N], seed, cohesion=cohesion, stiffer=1.0, digging=2.0) == [0, HALF, N]
+
+
+def test_a_sinkage_that_is_not_known_everywhere_moves_nothing():
+    load, sinkage, slip = drive(0, stiffer=2.0)
+    sinkage[5] = np.nan
+    bounds = np.array([0, HALF + 40, N])
+    line = lines(0, load, (500.0, 900.0))
+    assert placed(line, load, sinkage, slip, bounds, bounds[:0], **LIMITS) is bounds
