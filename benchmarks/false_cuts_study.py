@@ -23,8 +23,8 @@ from hidden_drives import FULL, Kind, sized, windows_of  # noqa: E402 - found th
 from terrain_cli.windows import cut_windows  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "false_cuts_study.txt"
-CUTS = cut_windows.needed, cut_windows.sinkage_changes
-FIRST, SECONDS, TURN = 9_900_000, 200.0, 200.0 / 7.0
+CUTS = cut_windows.needed, cut_windows.sinkage_changes, cut_windows.placed
+FIRST, SECONDS, TURN = 9_960_000, 200.0, 200.0 / 7.0
 #: A change counts as found within so many seconds.
 NEAR = 2.0
 
@@ -37,13 +37,18 @@ def _not_cut(_load, _sinkage, _slip, _drivers, bounds, **_):
     return bounds
 
 
+def _not_moved(_line, _load, _sinkage, _slip, bounds, _fixed, **_):
+    return bounds
+
+
 def counted(job):
     """Return the changes found and the false ones, of the line alone and with all that joins and cuts."""
     effect, seed, course, share, soils = job
     hidden = sized(effect) if effect else {}
     true = TURN * np.arange(1, 7) if soils == 2 else np.zeros(0)
     counts = []
-    for cut_windows.needed, cut_windows.sinkage_changes in ((_not_joined, _not_cut), CUTS):
+    for rules in ((_not_joined, _not_cut, _not_moved), CUTS):
+        cut_windows.needed, cut_windows.sinkage_changes, cut_windows.placed = rules
         kind = Kind(effects=hidden, course=course, share=share, seconds=SECONDS, soils=soils)
         (windows,) = windows_of(seed, kind)
         times = windows.samples.time[windows.rows][windows.bounds[1:-1]]
@@ -57,7 +62,8 @@ def lines(drives, run):
     yield ""
     yield f"{drives} courses of {SECONDS:.0f} s a row, each at 1 and 3 % of noise, with loads that vary and that do not."
     yield "before: change points of the line alone; after: without those that slip, load, speed, motor temperature or"
-    yield "attitude explain, and with those that the sinkage shows. multi-pass is no false cut: the soil is another in every pass."
+    yield "attitude explain, with those that the sinkage shows, and at the place where line and sinkage have them. multi-pass is"
+    yield "no false cut: the soil is another in every pass."
     yield ""
     yield f"{'':22}{'one soil: false':>24}{'two soils: found':>30}{'two soils: false':>22}"
     yield f"{'effect':22}{'before':>14}{'after':>10}{'before':>20}{'after':>10}{'before':>12}{'after':>10}"
