@@ -164,7 +164,8 @@ def estimate(
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
     fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)
-    windows.samples.remarks.extend(fit.impossible(held))
+    remarks = windows.samples.remarks
+    remarks += [text for text in fit.impossible(held) if text not in remarks]
     estimates = of_fit(fit, line, whole, at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
     return Fitted(estimates, account(windows, file, fit, held, because), posteriors, fit.noise)
