@@ -27,6 +27,7 @@ KEYS = {
     "effect",
     "family",
     "together",
+    "together_or",
     "candidates",
     "unknown",
     "next_drive",

@@ -87,7 +87,8 @@ def told_of(monkeypatch):
     """Return a function that runs the loop with a diagnosis that is told to it, and silence after that."""
 
     def run(*args, data="sinks.csv", **answer):
-        nothing = {"effect": None, "family": (), "together": (), "unrecorded": (), "next_drive": ()}
+        nothing = {"effect": None, "family": (), "together": (), "together_or": ()}
+        nothing |= {"unrecorded": (), "next_drive": ()}
         quiet, raised = (
             Alarm(raised=False, p_value=1.0, level=0.01),
             Alarm(raised=True, p_value=0.0, level=0.01),
@@ -133,7 +134,7 @@ class TestDrafts:
     @pytest.fixture
     def run(self, told_of):
         def run(draft, *args, **options):
-            law = {"channel": "sinkage", "driver": "slip", "sentence": "Sinkage follows slip."}
+            law = {"law": "sinkage follows slip", "sentence": "Sinkage follows slip."}
             unknown = SimpleNamespace(draft=draft, **law)
             return told_of(*args, verdict="unknown", unknown=unknown, **options)
 

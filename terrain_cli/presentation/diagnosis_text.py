@@ -192,9 +192,9 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
         for one in shown
     ]
     table = [head, ["  " + base[0], *base[1:]]]
+    legend = _LEGEND
     if diagnosis.heldout:
-        table.append(
-            ["  (as it is, with the soils of the rows below)", "", "", *errors(diagnosis.heldout), ""]
-        )
+        table.append(["  (as it is, same soils)", "", "", *errors(diagnosis.heldout), ""])
+        legend += "; same soils: those of the rows below"
     table += rows
-    return ["held-out error with each effect:", *aligned(table), _LEGEND]
+    return ["held-out error with each effect:", *aligned(table), legend]
