@@ -74,7 +74,7 @@ def test_an_effect_is_found_across_both(terrain_est_here, folder, tmp_path, name
 
 def test_an_effect_that_explains_much_besides_does_not_make_two_soils_one(terrain_est_here, folder, tmp_path):
     effects = {"drawbar-bias": {"offset": 8.0}}
-    write_log(tmp_path / "pulled.csv", effects, seed=41, seconds=SECONDS, soils=(DRY_SAND, stiffer(1.2)))
+    write_log(tmp_path / "pulled.csv", effects, seed=41, seconds=SECONDS, soils=(DRY_SAND, stiffer(1.5)))
     (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
     rows = len((tmp_path / "pulled.csv").read_text("utf-8").splitlines()) - 1
     halves = ("--segments", "fixed", "--window-samples", str(rows // 2))

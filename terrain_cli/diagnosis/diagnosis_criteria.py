@@ -104,7 +104,9 @@ SMALL_REST = criterion(
     "pair of effects may explain less and still be what is there",
 )
 STANDS_FOR_SOILS = criterion(
-    0.8, "an effect replaces several soils if it removes this share of what they remove"
+    0.8,
+    "an effect replaces several soils if it removes this share of what they remove, and of what both remove "
+    "together",
 )
 STEPS_SHARE = criterion(
     0.5,

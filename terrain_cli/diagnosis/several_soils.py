@@ -149,8 +149,9 @@ def _stand_for_soils(
         taken = float((plain.loss - found.loss).sum())
         if not refit_ranking.as_good(found, several) and taken <= criteria.STANDS_FOR_SOILS * gap:
             continue
-        # What else is missing an effect takes off as well. So on its own soils it must not leave much less.
-        if not _share(one, found, refits.refit(cut, hypothesis)) > criteria.STEPS_SHARE:
+        # What else is missing an effect takes off as well: soils beside it must not be worth much more.
+        both = refits.refit(cut, hypothesis)
+        if taken > criteria.STANDS_FOR_SOILS * float((plain.loss - both.loss).sum()):
             return True
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
     if fewer >= criteria.SOILS_OF_A_LAW:
@@ -161,9 +162,9 @@ def _stand_for_soils(
 
 
 def _share(data: Ground, plain: Refit, better: Refit) -> float:
-    """Return which part of what a model leaves beyond the noise, if anything, another one takes off."""
-    beyond = float(plain.loss.sum()) - sum(int(part.seen.sum()) for part in data.data)
-    return float((plain.loss - better.loss).sum()) / beyond if beyond > 0.0 else 0.0
+    """Return which part of what a model leaves beyond the noise another one takes off."""
+    noise = sum(int(part.seen.sum()) for part in data.data)
+    return float((plain.loss - better.loss).sum()) / max(float(plain.loss.sum()) - noise, 1e-300)
 
 
 def _best(data: Ground, index: int) -> tuple[float, int]:
