@@ -52,7 +52,7 @@ FIRST, APART = 109_000_000, 100
 #: And where sections begin that have seeds of their own.
 FIRST_ANEW = {
     "vehicles": 110_000_000,
-    "next": 113_000_000,
+    "next": 115_000_000,
     "removed": 112_000_000,
     "outside": 112_000_000,
 }
