@@ -37,7 +37,7 @@ def _not_cut(_load, _sinkage, _slip, _drivers, bounds, **_):
     return bounds
 
 
-def _not_moved(_line, _load, _sinkage, _slip, bounds, _fixed, **_):
+def _not_moved(_line, _wheel, bounds, _fixed, **_):
     return bounds
 
 

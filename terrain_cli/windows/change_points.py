@@ -339,9 +339,7 @@ def _logarithms(load: Array, sinkage: Array, slip: Array) -> tuple[Array, Array]
 
 def placed(
     line: tuple[Array, Array],
-    load: Array,
-    sinkage: Array,
-    slip: Array,
+    wheel: tuple[Array, Array, Array],
     bounds: Bounds,
     fixed: Index,
     *,
@@ -352,13 +350,13 @@ def placed(
     """Move bounds that are not `fixed` to the best sample near them, if that is better beyond chance.
 
     The line alone places a bound badly where an error of the slip or the load bends it. What counts is the
-    sum of squares, in units of the noise, that a line on each side leaves of y, and of the logarithm of
-    the sinkage over that of the load and slip.
+    sum of squares, in units of the noise, that lines on either side leave of y over x, and of the logarithm
+    of the sinkage over that of the load and the slip. Of the `wheel` these are load, sinkage and slip.
     """
-    known = _logarithms(load, sinkage, slip)
+    known = _logarithms(*wheel)
     if known is None:
         return bounds
-    tables = np.stack(line), np.stack([known[0], slip, known[1]])
+    tables = np.stack(line), np.stack([known[0], wheel[2], known[1]])
     driven = None if distance is None else np.append(distance, distance[-1])
     limits = Limits(min_samples, min_distance, driven)
     bounds = bounds.copy()

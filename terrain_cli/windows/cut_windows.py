@@ -207,7 +207,7 @@ def cut(
         changes = change_points(*lines, breaks=own, before=before, **limits)
         changes = needed(*lines, followed, changes, own)
         changes = sinkage_changes(load, sinkage, slip, followed, changes, before=before, **limits)
-        changes = placed(lines, load, sinkage, slip, changes, own, **limits)
+        changes = placed(lines, (load, sinkage, slip), changes, own, **limits)
         # A wheel that skids between two soils belongs to the first: no line tells.
         inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
         bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))

@@ -102,7 +102,7 @@ def place(bounds, seed, *, cohesion=(500.0, 900.0), fixed=(), stiffer=2.0, diggi
     load, sinkage, slip = drive(seed, stiffer=stiffer, digging=digging)
     line = lines(seed, load, cohesion)
     bounds, fixed = (np.array(places, dtype=np.intp) for places in (bounds, fixed))
-    return placed(line, load, sinkage, slip, bounds, fixed, **LIMITS | limits).tolist()
+    return placed(line, (load, sinkage, slip), bounds, fixed, **LIMITS | limits).tolist()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -133,4 +133,4 @@ def test_a_sinkage_that_is_not_known_everywhere_moves_nothing():
     sinkage[5] = np.nan
     bounds = np.array([0, HALF + 40, N])
     line = lines(0, load, (500.0, 900.0))
-    assert placed(line, load, sinkage, slip, bounds, bounds[:0], **LIMITS) is bounds
+    assert placed(line, (load, sinkage, slip), bounds, bounds[:0], **LIMITS) is bounds
