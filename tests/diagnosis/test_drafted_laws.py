@@ -87,6 +87,21 @@ def test_a_law_with_its_least_in_the_middle_of_a_driver_far_from_zero_is_drafted
     assert (middle["lower"], middle["upper"]) == pytest.approx((lowest, highest), rel=1e-3)
 
 
+def test_what_follows_the_time_is_told_with_its_other_cause():
+    """A tether that pulls more and more, or a soil that varies along the drive."""
+    (windows,) = windows_of(79, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    pull = samples.channels["drawbar_pull"] - 0.004 * samples.time**2
+    channels = {**samples.channels, "drawbar_pull": pull}
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert found.verdict == "unknown"
+    assert found.unknown.channel == "drawbar_pull"
+    assert found.unknown.driver in drafted_laws.ALONG
+    assert found.unknown.explained > 0.95
+    assert "A soil that varies along the drive looks much the same." in found.sentence
+    assert found.unknown.law.endswith(", or the soil varies along the drive")
+
+
 @pytest.mark.parametrize(
     ("column", "law"),
     [
