@@ -48,7 +48,7 @@ class Evidence:
     leaves: bool = False  # The best of them leaves much of an error, beyond the noise
     closest: str = ""  # Where the alarm is silent: an effect that explains most, by chance or not
     together: tuple[str, ...] = ()  # Two that belong together
-    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that predict as well
+    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
     law: str = ""  # What follows which driver, where no effect explains what is left
     draft: str = ""  # File of that law, if it was written
     refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data

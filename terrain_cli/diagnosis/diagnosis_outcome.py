@@ -177,7 +177,7 @@ class Diagnosis:
     sentence: str = ""
     # Two effects that, both added, predict better than any alone, and than any draft; else none
     together: tuple[str, ...] = ()
-    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that predict as well as these two
+    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`

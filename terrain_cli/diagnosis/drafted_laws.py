@@ -256,7 +256,7 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
         if shown and column is not None and _far_from_zero(column):
             low, middle, high, spread = _range(column)
             term = f"a * ({read} - middle)^2 + b"
-            parameters["a"] = (squared, 0.0, _rounded(usual / spread**2))
+            parameters["a"] = (squared, 0.0, usual / spread**2)
             parameters["middle"], bounds["middle"] = (of or "1", middle, spread), (low, high)
             parameters["b"] = (own, 0.0, usual)
     elif form == "saturating":

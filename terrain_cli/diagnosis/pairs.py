@@ -87,11 +87,8 @@ def told(
     # A law is never quite that of the catalogue: what is nearly as good may be the truth.
     gained = min(float((one.loss - refit.loss).sum()) for one in others)
     near = [(other, float((one.loss - refit.loss).sum())) for other, one in fitted[1:]]
-    return (
-        _ids(pair),
-        is_best,
-        tuple(_ids(other) for other, left in near if left < criteria.SMALL_REST * gained),
-    )
+    rivals = tuple(_ids(other) for other, left in near if left < criteria.SMALL_REST * gained)
+    return _ids(pair), is_best, rivals
 
 
 def _ids(pair: Hypothesis) -> tuple[str, ...]:

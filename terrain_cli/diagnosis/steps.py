@@ -89,7 +89,7 @@ class Two:
 
     ids: tuple[str, ...] = ()
     is_best: bool = False
-    rivals: tuple[tuple[str, ...], ...] = ()  # Other pairs that predict as well
+    rivals: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
     fitted: list[Fitted] = field(default_factory=list)
 
 
