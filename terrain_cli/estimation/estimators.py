@@ -14,7 +14,7 @@ from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import fit_account, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
-from terrain_cli.estimation.further_unknowns import suspects, with_calibrations, with_contact
+from terrain_cli.estimation.further_unknowns import suspects, with_calibrations, with_contact, with_rivals
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.estimation.wheel_fit import Noise, Prior
 from terrain_cli.mechanics.wheel_model import Model
@@ -159,8 +159,10 @@ def estimate(
         line = with_strengths(with_assumptions(line, windows, of_line), windows, at_stress)
         return Fitted(line, joint=fit_account.of_line(line, asked))
     whole, windows = windows, windows.thinned(_MOST)
-    channels = _channels(windows)
-    file = with_calibrations(with_contact(file), windows.samples, channels)
+    rivals = models.rivals(file)
+    file, beside = with_rivals(with_contact(file), windows, rivals)
+    channels = {**beside, **_channels(windows)}
+    file = with_calibrations(file, windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
     fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)
@@ -168,7 +170,9 @@ def estimate(
     remarks += [text for text in fit.impossible(held) if text not in remarks]
     estimates = of_fit(fit, line, whole, at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
-    return Fitted(estimates, account(windows, file, fit, held, because), posteriors, fit.noise)
+    told = account(windows, file, fit, held, because)
+    told["rivals"] = [rival.id for rival in rivals if rival in file.model.effects]
+    return Fitted(estimates, told, posteriors, fit.noise)
 
 
 def _channels(windows: Windows) -> dict[str, Array]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from terrain_cli import effects
 from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
 from terrain_cli.telemetry import effect_inputs, rover_advice
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
 
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
@@ -45,6 +47,28 @@ def with_contact(file: ModelFile) -> ModelFile:
     return replace(file, model=model, priors={**file.priors, **priors}, local=(*file.local, *expected))
 
 
+def with_rivals(
+    file: ModelFile, windows: Windows, rivals: Sequence[Effect]
+) -> tuple[ModelFile, dict[str, Array]]:
+    """Return a model in which effects are sought too that data did not tell from its own.
+
+    So c and φ, and their errors, allow for each of them. Also return what they read of the usable samples.
+    An effect of which something is not known in every sample is left out.
+    """
+    samples, rows = windows.samples, windows.rows
+    there = {*samples.channels, *samples.drivers, *_constants(samples)}
+    there |= set() if samples.time is None else {"time"}
+    inputs: dict[str, Array] = {}
+    for effect in rivals:
+        found = effect_inputs.of_samples(samples, [effect])
+        further = {name: column[rows] for name, column in found.items()}
+        known = all(np.isfinite(column).all() for column in further.values())
+        if known and not effects.missing(effect, there) and not effects.conflict(file.model, effect):
+            file = replace(file, model=replace(file.model, effects=(*file.model.effects, effect)))
+            inputs |= further
+    return file, inputs
+
+
 def calibrations(samples: Samples, measured: Collection[str]) -> list[tuple[str, str, float]]:
     """Return channels, "offset" or "gain", and the standard deviations that rover.toml states of them, SI."""
     return [
@@ -74,7 +98,7 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
     """
     samples = windows.samples
     there = {name for name in rover_advice.SOURCES if name in samples.channels} - _RELATED
-    there |= {name for name in effect_inputs.CONSTANTS if getattr(samples.geometry, name, None)}
+    there |= _constants(samples)
     found = [
         effect
         for effect in map(effects.find, effects.NAMES)
@@ -86,6 +110,10 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
     ]
     further = effect_inputs.of_samples(samples, found)
     return found, {name: column[windows.rows] for name, column in further.items()}
+
+
+def _constants(samples: Samples) -> set[str]:
+    return {name for name in effect_inputs.CONSTANTS if getattr(samples.geometry, name, None)}
 
 
 def _effect(channel: str, kind: str, size: float) -> Effect:

@@ -14,6 +14,7 @@ from terrain_cli.models.model_change import named_from as named_from
 from terrain_cli.models.model_change import recorded as recorded
 from terrain_cli.models.model_change import refused as refused
 from terrain_cli.models.model_change import removed as removed
+from terrain_cli.models.model_change import rivals as rivals
 from terrain_cli.models.model_file import ModelFile as ModelFile
 from terrain_cli.models.model_file import build as build
 from terrain_cli.models.model_file import find_effect as find_effect

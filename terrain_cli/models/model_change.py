@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, UsageError, nearest
 from terrain_cli.mechanics.effect import Prior
 from terrain_cli.mechanics.wheel_model import Model
@@ -17,6 +18,8 @@ from terrain_cli.vocabulary.choices import K_FACTOR
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
     from typing import Any
+
+    from terrain_cli.mechanics.effect import Effect
 
 T = TypeVar("T")
 
@@ -198,6 +201,23 @@ def refused(file: ModelFile, sources: Collection[str], samples: int) -> Refused:
     same = [entry for entry in file.history if entry.get("kept") is False and _tried_on(entry) == now]
     several = (tuple(map(str, entry.get("changed", ()))) for entry in same)
     return Refused(tuple(dict.fromkeys(filter(None, several))), any(entry.get("ended") for entry in same))
+
+
+def rivals(file: ModelFile) -> list[Effect]:
+    """Return effects that a model lacks, but that data did not tell from its own, as its history says."""
+    ids = {effect.id for effect in file.model.effects}
+    names = [
+        name
+        for entry in file.history
+        if entry.get("kept") is not False and ids.issuperset(_names(entry, "changed"))
+        for name in _names(entry, "rivals")
+    ]
+    return [effects.find(name) for name in dict.fromkeys(names) if name in effects.NAMES and name not in ids]
+
+
+def _names(entry: Mapping[str, Any], key: str) -> list[str]:
+    found = entry.get(key)
+    return [str(name) for name in found] if isinstance(found, list | tuple) else []
 
 
 def _tried_on(entry: Mapping[str, Any]) -> tuple[Any, ...]:

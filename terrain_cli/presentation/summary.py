@@ -146,6 +146,11 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
         else:
             known = "" if entry["fixed_by_data"] else "; the data do not fix it"
             lines.append(f"    {name} = {short(entry['value'], 4)} ± {short(entry['se'], 2)}{unit}{known}")
+    if model["rivals"]:
+        lines.append(
+            "    fitted too, as data did not tell it from an effect of the model (see its history): "
+            + ", ".join(model["rivals"])
+        )
     told = ((counted(model[key], "segment"), text) for key, text in _TOLD.items() if model.get(key))
     return lines + [f"    {text.format(where)}" for where, text in told]
 

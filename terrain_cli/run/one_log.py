@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import formats
-from terrain_cli import telemetry
+from terrain_cli import models, telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import WindowEstimates, estimators, strength
 from terrain_cli.presentation import segment_table
@@ -59,7 +59,12 @@ def run(
     where = telemetry.Condition(settings.where) if settings.where else None
     source = formats.open_source(path, salvage=settings.salvage)
     effects = None if file is None else file.model.effects
-    asked: dict[str, Any] = {"wheels": settings.wheels, "where": where, "effects": effects}
+    asked: dict[str, Any] = {
+        "wheels": settings.wheels,
+        "where": where,
+        "effects": effects,
+        "beside": [] if file is None else models.rivals(file),
+    }
     hindrance = long_log.hindrance(settings, file)
     if hindrance is None:
         found = telemetry.read_parts(source, rover, long_log.MOST_ROWS, **asked)

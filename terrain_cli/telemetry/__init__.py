@@ -38,9 +38,10 @@ def read_source(source: Source, rover: Rover, *, most: int | None = None, **aske
     """Read the samples of some wheels (all if none is named) of an opened source, ordered by name.
 
     `effects` are those of the whole model instead of the line: their channels are read too, and the drawbar
-    pull, and samples of a skidding wheel are kept. To be `compared` with a model, samples may lack torque,
-    and have every channel and further numeric column, as something that residuals may follow. `kept` are such
-    columns that are read in any case, named in lower case.
+    pull, and samples of a skidding wheel are kept. What those `beside` them use is read where it is there.
+    To be `compared` with a model, samples may lack torque, and have every channel and further numeric column,
+    as something that residuals may follow. `kept` are such columns that are read in any case, named in lower
+    case.
 
     Of a table of more than `most` rows, and of a bag of more samples, only unbroken pieces are kept that are
     spread over it (`excerpt`). A table is then never in memory as a whole.
@@ -82,7 +83,7 @@ def _request(source: Source, rover: Rover, *, kept: Collection[str] = (), **aske
     extras, names = _condition_columns(layout, request.where) if request.where else ([], set())
     wanted = {*rover_advice.SOURCES, *names}
     if request.effects is not None:
-        channels, further = effect_inputs.read(request.effects)
+        channels, further = effect_inputs.read([*request.effects, *request.beside])
         wanted |= {"drawbar_pull", *channels}
         extras = sorted({*extras, *further.intersection(layout.extras)})
     if request.compared:

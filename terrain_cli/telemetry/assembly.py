@@ -43,6 +43,7 @@ class Request:
     wheels: Collection[str] = ()  # Only these; all if empty
     where: Condition | None = None
     effects: Sequence[Effect] | None = None
+    beside: Sequence[Effect] = ()  # Which need not be there
     compared: bool = False  # With a model, which predicts what is there
 
     def feeds(self, wheel: str) -> dict[str, Feed]:

@@ -71,3 +71,29 @@ def test_noise_is_learnt_where_only_an_offset_is_stated(off):
     model = estimators.estimate(windows, file=estimators.full_model()).account
     assert not any(entry["given"] for entry in model["noise"].values())
     assert all("slip-offset.offset" in segment for segment in model["segments"])
+
+
+def test_errors_allow_for_an_effect_that_data_did_not_tell_from_the_models(truth, tmp_path):
+    right = truth.measured(5, 0.01) | {"time": np.arange(WINDOWS * SAMPLES) / 10.0}
+    labels = np.repeat([f"soil {j:02d}" for j in range(WINDOWS)], SAMPLES)
+    frame = pd.DataFrame(right | {"load": right["load"] * (1.0 + GAIN), "terrain": labels})
+    (tmp_path / "rover.toml").write_text(
+        f"[wheel]\nradius = {WHEEL.radius}\nwidth = {WHEEL.width}\n[soil]\nshear_modulus = 0.02\n"
+    )
+    model = tmp_path / "model.toml"
+    written = 'format = "terrain-est/model/1"\nbase = "wong-reece"\neffects = ["gear-efficiency"]\n'
+    doubt = '[[history]]\naction = "add"\nchanged = ["gear-efficiency"]\nrivals = ["load-bias", "slope"]\n'
+    (samples,) = terrain.from_frame(frame, tmp_path / "rover.toml")
+    windows = terrain.segment(samples, "terrain")
+
+    def off(history):
+        model.write_text(written + history)
+        found = terrain.estimate(windows, model=model)
+        return np.abs(found["c_kPa"] - truth.cohesion / 1e3) / found["c_se_kPa"]
+
+    assert off("").max() > 4.0
+    assert off(doubt).max() < 2.0
+    found = estimators.estimate(windows, file=terrain.load_model(model)).account
+    # The pitch was not measured, without which a slope has no part in any sample.
+    assert found["rivals"] == ["load-bias"]
+    assert found["parameters"]["load-bias.gain"]["value"] == pytest.approx(1.0 + GAIN, abs=0.05)

@@ -128,3 +128,20 @@ def test_both_assumptions_are_lifted_in_any_order(names):
     file = models.added(LINEAR, names, K).file
     assert (file.model.base, made(file)) == ("wong-reece", [])
     assert "shear_modulus" in file.priors
+
+
+@pytest.mark.parametrize(
+    ("entry", "expected"),
+    [
+        ({"changed": ["slope"], "rivals": ["drawbar-bias", "load-bias"]}, ["drawbar-bias", "load-bias"]),
+        ({"changed": ["slope"], "rivals": ["bulldozing"]}, []),  # It is in the model as well
+        ({"changed": ["slope"], "rivals": ["drawbar-bias"], "kept": False}, []),
+        ({"changed": ["side-slip"], "rivals": ["drawbar-bias"]}, []),  # It was removed again
+        ({"changed": ["slope"], "rivals": ["no-effect", 3]}, []),
+        ({"changed": 3, "rivals": "drawbar-bias", "note": "by hand"}, []),
+    ],
+)
+def test_rivals_are_what_data_did_not_tell_from_an_effect_that_is_there(entry, expected):
+    file = models.build("wong-reece", ["slope", "bulldozing"])
+    found = models.rivals(replace(file, history=(entry, {"changed": ["bulldozing"]})))
+    assert [one.id for one in found] == expected

@@ -60,3 +60,20 @@ def test_labels_that_share_a_segment_are_both_named_and_told_of(tmp_path, monkey
     for wheel in outcome.account["wheels"]:
         told = [remark for remark in wheel["remarks"] if "more than one terrain (loam+sand)" in remark]
         assert [remark.partition(":")[0] for remark in told] == [f"wheel {wheel['wheel']}"]
+
+
+@pytest.mark.parametrize("heated", [True, False])
+def test_what_only_a_rival_of_the_models_effects_uses_is_read_where_it_is_there(tmp_path, heated):
+    table = pd.read_csv(SAMPLE / "run.csv")
+    if heated:
+        table["motor_temperature"] = 20.0 + 30.0 * np.linspace(0.0, 1.0, len(table)) ** 2
+    table.to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "model.toml").write_text(
+        'format = "terrain-est/model/1"\nbase = "wong-reece"\neffects = ["gear-efficiency"]\n'
+        '[[history]]\naction = "add"\nchanged = ["gear-efficiency"]\nrivals = ["motor-temperature"]\n'
+    )
+    settings = Settings(model=str(tmp_path / "model.toml"), wheels=("front-left",))
+    outcome = one_log.run(str(tmp_path / "run.csv"), rover.load(SAMPLE / "rover.toml"), settings)
+    (told,) = outcome.account["wheels"]
+    assert told["model"]["rivals"] == ["motor-temperature"] * heated
+    assert ("motor-temperature.alpha" in told["model"]["parameters"]) is heated
