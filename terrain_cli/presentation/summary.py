@@ -199,8 +199,8 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 LISTED = 40
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
-    "missed": "the residuals of {} are larger than noise, or last longer: the soil varies there, or an "
-    "effect is missing: see terrain-est diagnose",
+    "missed": "the residuals of {} are larger than noise, last longer, or follow load, sinkage or slip: the "
+    "soil varies there, or an effect is missing: see terrain-est diagnose",
     "moved": "the residuals of {} look like an effect that the model lacks, which would move c, φ or "
     "strength by more than its error: see terrain-est diagnose",
     "unsettled": "the fit did not converge in {}",

@@ -126,9 +126,37 @@ def test_rows_that_a_model_fits_are_ok(windows_of, effect):
 
 
 def test_the_summary_says_so(windows_of):
-    found = estimators.estimate(windows_of("drawbar-bias"), "auto", estimators.full_model())
+    found = estimators.estimate(windows_of("load-bias"), "auto", estimators.full_model())
     assert found.account["moved"] == 1
     assert found.estimates.status[0] == "model-misses"
+
+
+def lasting(torque, time):
+    """Return torque with noise that lasts for 0.5 s."""
+    noise = 0.03 * torque.std() * np.random.default_rng(8).normal(size=len(time))
+    for j in range(1, len(time)):
+        noise[j] += 0.8 * noise[j - 1]
+    return torque + noise
+
+
+@pytest.mark.parametrize(
+    ("change", "follows"),
+    [
+        (lambda torque, _: torque, False),
+        (lasting, False),
+        # Of another model than the program's lag: as it was 0.3 s before.
+        (lambda torque, time: np.interp(time - 0.3, time, torque), True),
+    ],
+)
+def test_what_is_left_follows_the_inputs_only_where_the_model_misses(change, follows):
+    table = dict(columns())
+    table["torque"] = change(table["torque"], table["time"])
+    geometry, n = WheelGeometry(WHEEL.radius, WHEEL.width), len(table["time"])
+    found = fit(Model(), geometry, table, [0, n // 2, n], suspects=[], second=10.0)
+    assert found.follows.tolist() == [follows, follows]
+    assert (found.status == "model-misses").tolist() == [follows, follows]
+    # Steady test points have no past.
+    assert not fit(Model(), geometry, table, [0, n], suspects=[], correlated=False).follows.any()
 
 
 def covariance(found):

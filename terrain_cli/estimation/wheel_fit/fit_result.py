@@ -116,6 +116,8 @@ class Fit(Parameters):
     # Shape (w,): whether an effect of those suspected shows that would move c, φ or strength by more than
     # its error
     moved: Mask
+    # Shape (w,): whether what is left follows the load, sinkage or slip (`missing_effects.following`)
+    follows: Mask
     second: float  # Samples in a second; 0 where they do not follow each other in time
     converged: Mask  # Shape (w,)
     min_samples: int
@@ -167,11 +169,11 @@ class Fit(Parameters):
 
     @property
     def missed(self) -> Mask:
-        """Whether what the model leaves lasts for many samples of noise, and is not small beside it."""
+        """Whether what the model leaves is no noise: lasts for many samples of it, or follows the inputs."""
         large = (self.slow > SLOW) | (self.chi2 * (1.0 - SLOW) > self.dof)
         # A first-order process lasts for twice its decay.
         lasting = self.inflation > max(MISSED, 2.0 * NOISE_LASTS * self.second)
-        return np.asarray((self.excess > 1.0) | (lasting & large) | self._imitates)
+        return np.asarray((self.excess > 1.0) | (lasting & large) | self.follows | self._imitates)
 
     @cached_property
     def _imitates(self) -> Mask:

@@ -221,15 +221,20 @@ def fit(
         rmse=rmse,
         slow=slow_share(left, data.bounds) if correlated else np.zeros(len(data.windows)),
         moved=np.zeros(len(data.windows), dtype=bool),
-        second=second,
+        follows=np.zeros(len(data.windows), dtype=bool),
+        second=second if correlated else 0.0,
         converged=fits[0][1],
         min_samples=min_samples,
     )
     if suspects is not None:
         # Neighbouring test points tell of no misfit that lasts.
         share = missed_share(data, "torque", left) if correlated else np.zeros(len(data.windows))
-        moved = missing_effects.moved(problem, data, found.t, found.common, result, suspects)
-        result = replace(result, moved=moved)
+        at = problem, data, found.t, found.common
+        result = replace(
+            result,
+            follows=missing_effects.following(*at, result),
+            moved=missing_effects.moved(*at, result, suspects),
+        )
         wrong = np.where(result.missed | result.moved, share, 0.0)
         if wrong.any():
             found = with_model_error(found, sought.local, wrong)
