@@ -300,7 +300,11 @@ def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
 def candidates(
     log: DiagnosedLog, base: Refit, ranked: Sequence[Fitted], family: Sequence[str]
 ) -> list[Candidate]:
-    """List every candidate that can be tested: those ranked, then the others by what they explain."""
+    """List every candidate that can be tested.
+
+    The best comes first, then the rest of the family, the others, and those that were not fitted; each of
+    these by what they explain.
+    """
     data, found = log.data, log.found
     count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
     beyond = float(base.loss.sum()) - count
@@ -328,9 +332,13 @@ def candidates(
             doubt="" if refit is None else refit_ranking.doubt(data, one, refit),
         )
 
-    done = {one.id for one, _ in ranked}
-    rest = [candidate(one, None) for one in log.hypotheses if one.id in found.p_values and one.id not in done]
-    return [*(candidate(one, refit) for one, refit in ranked), *sorted(rest, key=lambda one: one.loss)]
+    fitted = {one.id: refit for one, refit in ranked}
+    every = [one for one, _ in ranked]
+    every += [one for one in log.hypotheses if one.id in found.p_values and one.id not in fitted]
+    listed = [candidate(one, fitted.get(one.id)) for one in every]
+    return sorted(
+        listed, key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss)
+    )
 
 
 def _with(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> list[FittedWheel]:
