@@ -122,7 +122,8 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     alarm = diagnosis.alarm
     chance = f"p {alarm.p_value:.4f}" if alarm.p_value >= 0.0001 else "p < 0.0001"
     state = "raised" if alarm.raised else "silent"
-    lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g})"]
+    idle = f": {alarm.cause}, which predicts best, lowers no held-out error" * alarm.idle
+    lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g}){idle}"]
     shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
     if shown:
         soils = "; same soils: those of the rows below" * bool(diagnosis.heldout)
