@@ -160,8 +160,9 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     told = next((one for one in laws if refit_ranking.beats(one.refit, least)), None)
     p_value = max(before.p_value, alarm.at_level(gain))
     shares = alarm.shares(ranked.data, ranked.base, told.refit if told else least)
-    if best and told is None and p_value < criteria.LEVEL:
+    if best and best[0].effects and told is None and p_value < criteria.LEVEL:
         # A loss of smoothed channels may fall where no error does; or not, as with a lag, where errors do.
+        # Without an assumption of the base other channels are predicted, and fitted, too.
         wheels = ranked.data.wheels
         fitted = [refits.fitted_anew(wheel, best[0]) for wheel in wheels]
         shares = alarm.printed_shares(wheels, fitted, ranked.log.block)
