@@ -156,7 +156,8 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
         if found.fewer and found.changes:
-            soil = f"A soil that changes at {_places(found)} would explain it too"
+            too = "better" if found.leaves else "too"
+            soil = f"A soil that changes at {_places(found)} would explain it {too}"
             first = f" {soil}: {_settled(found)}.{first}"
             drive = drive or _BACK * (not found.points)
         verb = "may miss" if known and not above and not doubtful else "misses"

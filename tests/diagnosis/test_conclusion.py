@@ -78,6 +78,24 @@ def evidence(ratios, **known):
             NEW + "slope" + DATA,
             id="one name on fewer soils",
         ),
+        pytest.param(
+            evidence(
+                OFF,
+                raised=True,
+                verdict="family",
+                family=("slope",),
+                fewer=1,
+                soils=2,
+                changes=("8 s",),
+                leaves=True,
+            ),
+            "explained",
+            MISSES.replace("the held-out", "with 1 soil in place of 2, the held-out")
+            + "slope explains most of it, but this is not certain. "
+            + "A soil that changes at 8 s would explain it better: ",
+            NEW + "slope" + DATA,
+            id="most of it on fewer soils",
+        ),
         pytest.param(evidence(OFF, raised=True), "explained", MISSES + POSSIBLE, LOOK, id="scores"),
         pytest.param(
             evidence(OFF, raised=True, tracked=True),
