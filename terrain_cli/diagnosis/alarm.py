@@ -15,10 +15,12 @@ from terrain_cli.comparison.comparison_outcome import UNITS, EffectScores
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, effect_sizes, refits, screening, several_soils, signatures
+from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from terrain_cli.comparison import Comparison
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_noise import Between
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
@@ -175,12 +177,15 @@ def missing_effects(file: ModelFile, effects: Sequence[Effect] | None = None) ->
     return [effect for effect in every if effect.id not in there]
 
 
-def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile, seed: int) -> EffectScores:
-    """Score every effect of the catalogue on a model as it was fitted.
+def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile, seed: int) -> EffectScores:
+    """Score every effect of the catalogue on a model as it was fitted and compared.
 
-    As in a diagnosis, chance must give neither the largest score nor, once it is fitted, the gain of the
-    effect that explains most on held-out blocks, and that must be large enough.
+    As in a diagnosis, chance must give neither the largest score nor a gain on held-out blocks, and the
+    effect must be large enough. Where the errors are those of noise, it is fitted for that: then only what it
+    gains, or would on fewer soils, tells whether anything is missing.
     """
+    block = [one.blocks for one in comparison.wheels]
+    close = not above_noise(over_noise(comparison))
     effects = missing_effects(file)
     hypotheses, _ = screening.hypotheses(file, wheels, effects)
     scored = [one for one in hypotheses if one.effects]
@@ -189,20 +194,24 @@ def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile
         return EffectScores(p_value=1.0, raised=False, unrecorded=unrecorded)
     instead = None
     if any(wheel.one_soil for wheel in wheels):
-        cut = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
-        *_, found_instead = several_soils.on_fewer(cut, block, hypotheses, lambda _: None)
-        instead = found_instead.what if found_instead else None
         scored, _ = screening.on_changing_soil(scored)
+        if close:
+            cut = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
+            *_, stands = several_soils.on_fewer(cut, block, hypotheses, lambda _: None)
+            instead = stands.what if stands else None
     found = screening.screen(wheels, block, scored, seed)
     order = sorted(found.p_values, key=lambda name: -found.explained[name])
-    p_value = min(found.p_values.values(), default=1.0)
+    p_value = of_scores(found, order[0]) if order else 1.0
+    lowest = min(found.p_values.values(), default=1.0)
     first = next((one for one in scored if one.id in order[:1]), None)
-    if first and p_value < criteria.LEVEL:
-        p_value = max(p_value, _of_fitted_gain(wheels, block, first))
+    if first and lowest < criteria.LEVEL and (close or p_value >= criteria.LEVEL):
+        # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
+        p_value = max(lowest, _of_fitted_gain(wheels, block, first))
     raised, settles = p_value < criteria.LEVEL, False
-    if first and raised:
+    if first and raised and (close or comparison.doubted):
         fitted = [refits.fitted_anew(wheel, first) for wheel in wheels]
-        raised = max(printed_shares(wheels, fitted, block).values()) >= criteria.SMALLEST_SHARE
+        shares = printed_shares(wheels, fitted, block)
+        raised = not close or max(shares.values()) >= criteria.SMALLEST_SHARE
         settles = effect_sizes.settles_pull(fitted, first)
     return EffectScores(
         p_value=p_value,

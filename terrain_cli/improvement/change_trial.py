@@ -70,7 +70,6 @@ class _OnSoils(NamedTuple):
         """Compare it with what was measured; options are those of `of_fitted`."""
         wheels, file, fitted, told = self
         found = of_fitted(fitted, seed=seed, warnings=told, **options)
-        block = [one.blocks for one in found.wheels]
         return replace(
             found,
             soils=soils or EstimateRequest(wheels=wheels, file=file),
@@ -79,7 +78,7 @@ class _OnSoils(NamedTuple):
                 [one.samples.source for one in wheels],
                 sum(len(one.windows.rows) for one in found.wheels),
             ),
-            scores=cache(partial(alarm.score, fitted, block, file, seed)),
+            scores=cache(partial(alarm.score, found, fitted, file, seed)),
         )
 
 
