@@ -101,7 +101,7 @@ def told_of(monkeypatch):
                 comparison=change_trial.fitted(wheels, file),
                 candidates=[],
                 heldout={},
-                soils=(0, 0),
+                soils=1,
                 **answers.pop(0),
             )
 

@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from changed_models import ROVER, write_log
+from changed_models import MODEL, ROVER, write_log
 from simulator import DRY_SAND
 
 
@@ -54,6 +54,29 @@ def test_another_soil_is_no_missing_effect(terrain_est_here, folder):
     assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
 
 
+@pytest.mark.parametrize("segments", [("auto",), ("none",), ("fixed", "--window-samples", "240")])
+def test_every_verb_says_the_same_of_two_soils_that_miss_nothing(
+    terrain_est_here, folder, tmp_path, segments
+):
+    told = []
+    for verb in ("compare", "diagnose"):
+        done = terrain_est_here(verb, "clean.csv", "--segments", *segments, "--json", "-q", cwd=folder)
+        assert done.returncode == 0, done.stderr
+        told.append(json.loads(done.stdout)["conclusion"])
+    assert told[0] == told[1]
+    assert told[0]["state"] == "fits"
+    assert not told[0]["command"]
+    assert told[0]["sentence"].startswith("The model fits to within the noise with 2 soils: ")
+    if segments == ("none",):
+        (tmp_path / "model.toml").write_text(MODEL, "utf-8")
+        adding = ("model", "add", tmp_path / "model.toml", "slip-sinkage", "--data", "clean.csv")
+        added = terrain_est_here(*adding, "--segments", *segments, "--json", "-q", cwd=folder)
+        after = json.loads(added.stdout)["conclusion"]["sentence"]
+        assert after.startswith("The model fits to within the noise with 2 soils: ")
+    when = re.search(r"The soil changes at ([\d.]+) s \(", told[0]["sentence"])
+    assert float(when[1]) == pytest.approx(SECONDS / 2.0, abs=1.0)
+
+
 @pytest.mark.parametrize(("name", "effect"), [("sinks", "slip-sinkage"), ("rubs", "drivetrain-friction")])
 def test_an_effect_is_found_across_both(terrain_est_here, folder, tmp_path, name, effect):
     answer = diagnosed(terrain_est_here, folder, name)
@@ -98,10 +121,12 @@ def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here,
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    assert "It needs 2 soils" in said("compare", "passes.csv", *halves, "-q").splitlines()[-1]
+    last = said("compare", "passes.csv", *halves, "-q").splitlines()[-1]
+    assert "but only with 2 soils: fewer may do with multi-pass. Next: " in last
     last = said("diagnose", "passes.csv", *halves, "-q").splitlines()[-1]
     assert "with 1 soil in place of 2, the held-out error is " in last
-    assert "multi-pass explains it. Next: " in last
+    assert "multi-pass explains it. A soil that changes at 12 s (" in last
+    assert "drive beside this track in the opposite direction" in last
     said("model", "new", "model.toml")
     data = ("--data", "passes.csv", *halves, "--json", "-q")
     added = json.loads(said("model", "add", "model.toml", "multi-pass", *data))

@@ -146,7 +146,9 @@ class EffectScores:
     raised: bool  # That is too rarely for chance
     effects: tuple[str, ...] = ()  # That could be tested, the one that explains most first
     unrecorded: tuple[str, ...] = ()  # Channels that nothing gives; without them some cannot be tested
-    soils: int = 0  # Of all segments, where some are of one terrain: for these an effect may stand
+    # What predicts as well on fewer soils: an effect, or nothing (empty); None where all soils are needed
+    instead: str | None = None
+    settles: bool = False  # Without the first effect torque and pull change alike; as measured, they do not
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,6 +187,24 @@ class Comparison:
         return tuple(dict.fromkeys(one.of for one in remarks if isinstance(one, Doubt) and one.of))
 
     @property
+    def soil_count(self) -> int:
+        """Number of soils on which it is, of all wheels."""
+        return sum(len(wheel.windows) for wheel in self.wheels)
+
+    @property
+    def soil_changes(self) -> list[str]:
+        """Where one soil ends and another begins under a wheel, though no label says so."""
+        found = []
+        for wheel in self.wheels:
+            rows = wheel.windows.rows
+            for start in wheel.windows.bounds[1:-1]:
+                before, after = rows[start - 1], rows[start]
+                codes = [one.codes for one in wheel.samples.labels.values()]
+                if all(code[before] == code[after] for code in codes):
+                    found.append(place_of(wheel.samples, int(after)))
+        return list(dict.fromkeys(found))
+
+    @property
     def points(self) -> bool:
         """Whether the data are steady test points, not drives."""
         return bool(self.wheels) and all(wheel.samples.time is None for wheel in self.wheels)
@@ -193,6 +213,15 @@ class Comparison:
     def blocks(self) -> int:
         """Number of independent stretches of the data."""
         return 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in self.wheels)
+
+
+def place_of(samples: Samples, row: int) -> str:
+    """Say where a sample of a drive is: after how long, and how far; of points, in which row."""
+    if samples.time is None:
+        return f"row {row + 1}"
+    distance = samples.distance
+    driven = f" ({distance[row]:.3g} m)" if distance is not None and np.isfinite(distance[row]) else ""
+    return f"{samples.time[row] - samples.time[0]:.4g} s{driven}"
 
 
 class Soils(NamedTuple):

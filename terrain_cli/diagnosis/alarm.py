@@ -10,14 +10,17 @@ import numpy as np
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison import distributions
 from terrain_cli.comparison.blocks import DRAWS, error, max_test
-from terrain_cli.comparison.comparison_outcome import EffectScores
+from terrain_cli.comparison.compare import pooled_noise
+from terrain_cli.comparison.comparison_outcome import UNITS, EffectScores
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import drafted_laws, refits, screening, several_soils, signatures
+from terrain_cli.diagnosis import drafted_laws, effect_sizes, refits, screening, several_soils, signatures
+from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from terrain_cli.comparison import Comparison
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_noise import Between
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
@@ -68,11 +71,29 @@ def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
     """Return what a model takes off the held-out error over the channel's size, both rms, by channel."""
     found = {}
     for name, before in base.heldout.items():
-        every = [part.measured[name][part.use] for part in data.data if name in part.measured]
-        size = float(np.sqrt(np.nanmean(np.concatenate(every) ** 2)))
+        used = [{key: column[part.use] for key, column in part.measured.items()} for part in data.data]
+        size = _size(used, name)
         taken = max(before**2 - one.heldout.get(name, before) ** 2, 0.0) ** 0.5
         found[name] = taken / size if size > 0.0 else np.nan
     return found
+
+
+def printed_shares(
+    wheels: Sequence[FittedWheel], fitted: Sequence[FittedWheel], block: Sequence[Index]
+) -> dict[str, float]:
+    """Return the same of the errors that every verb prints; 0 if all of them together do not fall."""
+    known = {name: pooled_noise(wheels, name) for name in UNITS if any(name in w.measured for w in wheels)}
+    before, after = (refits.held_out_errors(some, block, known) for some in (wheels, fitted))
+    taken = {name: error**2 - after.get(name, error) ** 2 for name, error in before.items()}
+    # Where the noise is not known, in units of the error.
+    if not sum(taken[name] / np.fmin(known[name], error) ** 2 for name, error in before.items()) > 0.0:
+        return dict.fromkeys(taken, 0.0)
+    return {name: max(taken[name], 0.0) ** 0.5 / _size([w.measured for w in wheels], name) for name in taken}
+
+
+def _size(measured: Sequence[Mapping[str, Array]], name: str) -> float:
+    """Return the root mean square of a channel."""
+    return float(np.sqrt(np.nanmean(np.concatenate([one[name] for one in measured if name in one]) ** 2)))
 
 
 def of_order(data: Ground, seed: int) -> float:
@@ -156,32 +177,49 @@ def missing_effects(file: ModelFile, effects: Sequence[Effect] | None = None) ->
     return [effect for effect in every if effect.id not in there]
 
 
-def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile, seed: int) -> EffectScores:
-    """Score every effect of the catalogue on a model as it was fitted.
+def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile, seed: int) -> EffectScores:
+    """Score every effect of the catalogue on a model as it was fitted and compared.
 
     As in a diagnosis, chance must give neither the largest score nor a gain on held-out blocks, and the
-    effect must be large enough; here gain and size are to first order.
+    effect must be large enough. Where the errors are those of noise, it is fitted for that: then only what it
+    gains, or would on fewer soils, tells whether anything is missing.
     """
+    block = [one.blocks for one in comparison.wheels]
+    close = not above_noise(over_noise(comparison))
     effects = missing_effects(file)
     hypotheses, _ = screening.hypotheses(file, wheels, effects)
     scored = [one for one in hypotheses if one.effects]
-    soils = 0
-    if any(wheel.one_soil for wheel in wheels):
-        scored, _ = screening.on_changing_soil(scored)
-        soils = sum(len(wheel.windows) for wheel in wheels)
     unrecorded = screening.unrecorded(effects, wheels)
     if 1 + max(int(one.max(initial=-1)) for one in block) < criteria.BLOCKS_OF_ALARM or not scored:
         return EffectScores(p_value=1.0, raised=False, unrecorded=unrecorded)
+    instead = None
+    if any(wheel.one_soil for wheel in wheels):
+        scored, _ = screening.on_changing_soil(scored)
+        if close:
+            cut = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
+            *_, stands = several_soils.on_fewer(cut, block, hypotheses, lambda _: None)
+            instead = stands.what if stands else None
     found = screening.screen(wheels, block, scored, seed)
     order = sorted(found.p_values, key=lambda name: -found.explained[name])
     p_value = of_scores(found, order[0]) if order else 1.0
-    if p_value >= criteria.LEVEL > min(found.p_values.values(), default=1.0):
+    lowest = min(found.p_values.values(), default=1.0)
+    first = next((one for one in scored if one.id in order[:1]), None)
+    if first and lowest < criteria.LEVEL and (close or p_value >= criteria.LEVEL):
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
-        first = next(one for one in scored if one.id == order[0])
-        p_value = min(p_value, max(min(found.p_values.values()), _of_fitted_gain(wheels, block, first)))
-    raised = p_value < criteria.LEVEL and max(found.shares(order[0]).values()) >= criteria.SMALLEST_SHARE
+        p_value = max(lowest, _of_fitted_gain(wheels, block, first))
+    raised, settles = p_value < criteria.LEVEL, False
+    if first and raised and (close or comparison.doubted):
+        fitted = [refits.fitted_anew(wheel, first) for wheel in wheels]
+        shares = printed_shares(wheels, fitted, block)
+        raised = not close or max(shares.values()) >= criteria.SMALLEST_SHARE
+        settles = effect_sizes.settles_pull(fitted, first)
     return EffectScores(
-        p_value=p_value, raised=raised, effects=tuple(order), unrecorded=unrecorded, soils=soils
+        p_value=p_value,
+        raised=raised,
+        effects=tuple(order),
+        unrecorded=unrecorded,
+        instead=instead,
+        settles=raised and settles,
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import (
+    Evidence,
     above_noise,
     leaves_much,
     noise_with,
@@ -23,51 +24,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Diagnosis, Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Diagnosis
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
-#: Channels to be recorded that a sentence names.
+#: Channels to be recorded, and places, that a sentence names.
 _MOST_NAMED = 4
-
-
-@dataclass(frozen=True, kw_only=True)
-class Evidence:
-    """What is known of a model on some data."""
-
-    # Channel → held-out error over its noise; NaN where the noise is not known
-    ratios: Mapping[str, float]
-    blocks: int  # Independent stretches of data
-    raised: bool  # What is left is not random: by findings, by the scores of effects, or by a diagnosis
-    tracked: bool = False  # By findings: it varies with what was recorded
-    # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
-    stretch: tuple[float, float] | None = None
-    doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
-    verdict: Verdict | None = None  # Of a diagnosis; None where there was none
-    family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
-    share: float = math.nan  # Of the misfit, that any of them explains at the most
-    leaves: bool = False  # The best of them leaves much of an error, beyond the noise
-    closest: str = ""  # Where the alarm is silent: an effect that explains most, by chance or not
-    together: tuple[str, ...] = ()  # Two that belong together
-    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
-    law: str = ""  # What follows which driver, where no effect explains what is left
-    draft: str = ""  # File of that law, if it was written
-    refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
-    ended: bool = False  # --until-quiet found nothing more to add
-    unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
-    small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
-    drive: str = ""  # What would tell the best of the family from another, as a command to a person
-    checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
-    points: bool = False  # The data are steady test points, not drives
-    several: int = 0  # Soils of one ground, for all of which an effect may stand; a diagnosis tells
-    # Soils on which the ratios are, and how many the segments have, where these are more
-    fewer: tuple[int, int] = (0, 0)
-    noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
-    steps: bool = False  # By a diagnosis: within segments the soil changes, which takes most of what is left
-
-    @property
-    def misses(self) -> bool:
-        """Whether an error is larger than noise."""
-        return bool(above_noise(self.ratios))
+#: What tells the soil from an effect: soil stays in its place, and neither slopes nor heat nor wear do.
+_BACK = "drive beside this track in the opposite direction"
 
 
 @dataclass(frozen=True)
@@ -91,13 +54,22 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         raised=tracked or (scores is not None and scores.raised),
         tracked=tracked,
         stretch=comparison.stretch,
-        doubted=comparison.doubted,
+        doubted=_doubted(comparison, settled=bool(scores and scores.settles)),
         refused=tuple(dict.fromkeys((*comparison.refused.names, *refused))),
         ended=comparison.refused.ended,
         unrecorded=scores.unrecorded if scores else (),
         points=comparison.points,
-        several=scores.soils if scores else 0,
+        soils=comparison.soil_count,
+        changes=tuple(comparison.soil_changes),
+        needed=scores is not None and scores.instead is None,
+        instead=scores.instead or "" if scores else "",
     )
+
+
+def _doubted(comparison: Comparison, *, settled: bool) -> tuple[str, ...]:
+    """Return what is doubted; if `settled` no more of how torque and pull change together."""
+    of_pull = ("torque", "drawbar pull", "motor current")
+    return tuple(one for one in comparison.doubted if not (settled and one.endswith(of_pull)))
 
 
 def _large(comparison: Comparison, finding: Finding) -> bool:
@@ -115,16 +87,17 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     family = tuple(name for name in found.family if name not in doubted) or found.family
     first = next((one for one in found.candidates if one.effect in family[:1]), None)
     credible = [one for one in found.candidates if not one.doubt]
-    soils, segments = found.soils
     # Where several soils stand for an effect, their errors are those of noise.
-    hidden = found.alarm.raised and soils < segments and not above_noise(over_noise(found.comparison))
-    fewer = found.soils if hidden else (0, 0)
+    fewer = found.soils < found.comparison.soil_count
+    hidden = found.alarm.raised and fewer and not above_noise(over_noise(found.comparison))
     errors = found.heldout if hidden else {}
     noise = noise_with(found, first, errors)
     ratios = over_noise(found.comparison, errors, noise)
     passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
     passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
     shares = [(min(one.explained, share_taken(found, one, noise)), one.effect) for one in credible]
+    leaves = first is not None and leaves_much(found, first.heldout, noise)
+    settled = first is not None and first.settles and not leaves
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
     # Nor is a drive worth while that only tells what explains it from what does not.
     drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
@@ -135,14 +108,14 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         raised=found.alarm.raised,
         tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
         stretch=found.comparison.stretch,
-        doubted=found.comparison.doubted,
+        doubted=_doubted(found.comparison, settled=settled),
         verdict=found.verdict,
         family=family,
         share=max(
             (share_taken(found, one, noise) for one in found.candidates if one.effect in family),
             default=math.nan,
         ),
-        leaves=first is not None and leaves_much(found, first.heldout, noise),
+        leaves=leaves,
         closest=max(likely)[1] if likely else "",
         together=found.together,
         together_or=found.together_or,
@@ -156,8 +129,10 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         # Of a pair it may be several.
         checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
-        fewer=fewer,
-        steps=soils > segments,
+        soils=found.comparison.soil_count,
+        changes=tuple(found.comparison.soil_changes),
+        needed=not fewer,
+        fewer=found.soils if hidden else 0,
     )
 
 
@@ -174,13 +149,17 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
             # A first check alone is no proof where the errors are those of noise.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
-        soils, segments = found.fewer
-        size = f"with {counted(soils, 'soil')} in place of {segments}, " * bool(soils)
+        size = f"with {counted(found.fewer, 'soil')} in place of {found.soils}, " * bool(found.fewer)
         size += _size(above) if above else _not_random(known)
         size += f" (noise in {found.noise_with})" * bool(found.noise_with)
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
+        if found.fewer and found.changes:
+            too = "better" if found.leaves else "too"
+            soil = f"A soil that changes at {_places(found)} would explain it {too}"
+            first = f" {soil}: {_settled(found)}.{first}"
+            drive = drive or _BACK * (not found.points)
         verb = "may miss" if known and not above and not doubtful else "misses"
         told = f"The model {verb} something: {size}, and {cause}.{first} Next: {command}"
         return Conclusion("explained", told, command, drive=drive)
@@ -191,11 +170,33 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         return _undecided(found, above, asked, few=few)
     if above or found.raised:
         return _unexplained(found, above, known, asked)
-    told = f"The model fits to within the noise: {_at_most(known)}, and no effect stands out.{_unseen(found)}"
-    command = asked.looked("diagnose") if found.several and not found.ended else ""
-    if command:
-        told += f" It needs {found.several} soils; a diagnosis tells whether one effect can take their place."
-    return Conclusion("fits", f"{told} Next: {command}" if command else told, command)
+    return _fits(found, known, asked)
+
+
+def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusion:
+    soils = f"with {counted(found.soils, 'soil')}"
+    if found.instead and found.instead not in found.refused and not found.ended:
+        command = asked.looked("diagnose")
+        told = f"The model may miss something: {_at_most(known)}, but only {soils}"
+        told = f"{told}: fewer may do with {found.instead}. Next: {command}"
+        return Conclusion("explained", told, command)
+    told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}, and "
+    told += "no effect stands out."
+    if found.changes:
+        needed = ", and no effect predicts as well with fewer soils" * found.needed
+        told += f" The soil changes at {_places(found)}{needed}."
+    return Conclusion("fits", f"{told}{_unseen(found)}")
+
+
+def _places(found: Evidence) -> str:
+    few = len(found.changes) <= _MOST_NAMED
+    return listed(list(found.changes)) if few else f"{len(found.changes)} places"
+
+
+def _settled(found: Evidence) -> str:
+    """Say what tells a soil that changes from an effect."""
+    again = "repeat the test points in another order" if found.points else _BACK
+    return f"{again}; what changes at the same place is the soil"
 
 
 def _unseen(found: Evidence) -> str:
@@ -258,15 +259,13 @@ def _unexplained(
         why, command = "a first check of the effects finds no cause", asked.looked("diagnose")
     elif _refused(found):
         why = _did_not_pay(found)
-    elif found.closest and found.closest not in found.refused and not found.steps:
+    elif found.closest and found.closest not in found.refused:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = asked.added((found.closest,))
     else:
         why = "nothing that was recorded explains it beyond chance"
         if found.tracked:
             why = "it varies with what was recorded, but no effect explains it beyond chance"
-        if found.steps:
-            why = "the soil changes, as a note says, and nothing else explains as much of it beyond chance"
         why = f"{_too_few(found)} to show why" if few else why
     then = f"Next: {command}" if command else _record(found, few=few)
     drive = found.drive if _refused(found) and not command else ""
@@ -387,8 +386,8 @@ def _record(found: Evidence, *, few: bool) -> str:
         return _more(found)
     # On the same track the soil would vary as it did.
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
-    told = "" if found.steps else "The soil may vary, or the model lacks something. "
-    told += f"{again}: if the misfit changes, it is the soil; if it returns, the model."
+    told = f"The soil may vary, or the model lacks something. {again}: "
+    told += "if the misfit changes, it is the soil; if it returns, the model."
     if [*above_noise(found.ratios)] == ["drawbar pull"] and len(found.ratios) > 1:
         others = listed([name for name in found.ratios if name != "drawbar pull"])
         told = f"As {others} fit, look for what acts on the pull alone: a slope, a tether or its sensor."

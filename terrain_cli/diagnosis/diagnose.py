@@ -121,9 +121,8 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
     return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures))
 
 
-def _soils(log: DiagnosedLog) -> tuple[int, int]:
-    chosen, own = (sum(len(one.windows) for one in of.wheels) for of in (log.data, log.comparison))
-    return chosen, own
+def _soils(log: DiagnosedLog) -> int:
+    return sum(len(wheel.windows) for wheel in log.data.wheels)
 
 
 def _told(case: Case, ranked: Ranked, diagnosis: Diagnosis) -> Diagnosis:

@@ -61,6 +61,7 @@ class DiagnosedLog:
     not_testable: list[NotTestable]
     failures: list[Finding] = field(default_factory=list)  # Where the model fails on these soils
     screened: Screened | None = None
+    soils_are_better: bool = False  # Than any effect on these: than one that takes off most of what they do
 
     @property
     def found(self) -> Screened:
@@ -76,20 +77,23 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     settings = FitSettings.of(joined, case.file)
     further = tuple(dict.fromkeys(name for effect in case.effects for name in effect.reads))
     few, warnings = on_few_soils(joined, case.file.model, settings, further=further, progress=case.progress)
-    comparison = of_fitted(few, seed=case.seed, warnings=[*read, *warnings], progress=case.progress)
+    warnings = [*read, *warnings]
+    comparison = of_fitted(few, seed=case.seed, warnings=warnings, progress=case.progress)
+    needed, steps = several_soils.on_more(comparison, few, case.file, case.effects, case.progress)
+    if steps:
+        warnings = [*warnings, *steps]
+        comparison = of_fitted(needed, seed=case.seed, warnings=warnings, progress=case.progress)
     block = [one.blocks for one in comparison.wheels]
-    hypotheses, not_testable = screening.hypotheses(case.file, few, case.effects)
-    cut = refits.ground(few, block, several_soils.MOST_SAMPLES)
+    hypotheses, not_testable = screening.hypotheses(case.file, needed, case.effects)
+    cut = refits.ground(needed, block, several_soils.MOST_SAMPLES)
     case.progress("one soil or several")
-    chosen, own = several_soils.on_fewer(cut, block, hypotheses, case.progress)
-    chosen, notes_of_soils = several_soils.on_more(chosen, own, hypotheses, case.progress)
+    chosen, own, instead = several_soils.on_fewer(cut, block, hypotheses, case.progress)
     if any(wheel.one_soil for wheel in chosen.wheels):
         hypotheses, alike = screening.on_changing_soil(hypotheses)
         not_testable = [*not_testable, *alike]
-    notes_of_soils += _impossible(chosen.wheels)
     comparison = replace(
         comparison,
-        warnings=[*comparison.warnings, *notes_of_soils],
+        warnings=[*comparison.warnings, *_impossible(chosen.wheels)],
         refused=models.refused(
             case.file,
             [one.samples.source for one in wheels],
@@ -97,7 +101,12 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
         ),
     )
     return DiagnosedLog(
-        data=chosen, block=own, comparison=comparison, hypotheses=hypotheses, not_testable=list(not_testable)
+        data=chosen,
+        block=own,
+        comparison=comparison,
+        hypotheses=hypotheses,
+        not_testable=list(not_testable),
+        soils_are_better=instead is not None and not instead.as_good,
     )
 
 

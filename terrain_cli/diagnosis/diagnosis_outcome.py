@@ -90,7 +90,12 @@ class Alarm:
     @property
     def small(self) -> bool:
         """Whether chance does not explain it, but it is too small for an alarm."""
-        return self.p_value < self.level and self.share < self.smallest_share
+        return self.p_value < self.level and 0.0 < self.share < self.smallest_share
+
+    @property
+    def idle(self) -> bool:
+        """Whether chance does not explain it, and yet it lowers no held-out error."""
+        return self.p_value < self.level and self.share == 0.0
 
     @property
     def size(self) -> str:
@@ -124,6 +129,7 @@ class Candidate:
     noise: Mapping[str, float] = field(default_factory=dict)
     in_family: bool = False
     doubt: str = ""  # Why its size is not to be believed
+    settles: bool = False  # Without it torque and pull change alike; as measured, they do not
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +188,7 @@ class Diagnosis:
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`
     heldout: Mapping[str, float] = field(default_factory=dict)
-    soils: tuple[int, int] = (0, 0)  # On which effects were looked for, and those of the segments
+    soils: int = 0  # On which effects were looked for: those of `comparison`, or fewer
 
 
 def noise_with(found: Diagnosis, first: Candidate | None, errors: Mapping[str, float]) -> dict[str, float]:
@@ -234,6 +240,47 @@ def leaves_much(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[st
 def above_noise(ratios: Mapping[str, float]) -> dict[str, float]:
     """Return the ratios that are more than those of noise."""
     return {name: ratio for name, ratio in ratios.items() if ratio > comparison_criteria.ABOVE_NOISE}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What is known of a model on some data."""
+
+    # Channel → held-out error over its noise; NaN where the noise is not known
+    ratios: Mapping[str, float]
+    blocks: int  # Independent stretches of data
+    raised: bool  # What is left is not random: by findings, by the scores of effects, or by a diagnosis
+    tracked: bool = False  # By findings: it varies with what was recorded
+    # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
+    stretch: tuple[float, float] | None = None
+    doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
+    verdict: Verdict | None = None  # Of a diagnosis; None where there was none
+    family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
+    share: float = math.nan  # Of the misfit, that any of them explains at the most
+    leaves: bool = False  # The best of them leaves much of an error, beyond the noise
+    closest: str = ""  # Where the alarm is silent: an effect that explains most, by chance or not
+    together: tuple[str, ...] = ()  # Two that belong together
+    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
+    law: str = ""  # What follows which driver, where no effect explains what is left
+    draft: str = ""  # File of that law, if it was written
+    refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
+    ended: bool = False  # --until-quiet found nothing more to add
+    unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
+    small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
+    drive: str = ""  # What would tell the best of the family from another, as a command to a person
+    checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
+    points: bool = False  # The data are steady test points, not drives
+    soils: int = 0  # Of the comparison
+    changes: tuple[str, ...] = ()  # Where one of these ends and another begins, though no label says so
+    needed: bool = False  # No effect on fewer soils predicts as well
+    instead: str = ""  # By a first check: what on fewer soils predicts as well
+    fewer: int = 0  # Soils on which the ratios are, where the comparison has more and fits
+    noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
+
+    @property
+    def misses(self) -> bool:
+        """Whether an error is larger than noise."""
+        return bool(above_noise(self.ratios))
 
 
 @dataclass(frozen=True, kw_only=True)

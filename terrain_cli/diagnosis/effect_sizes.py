@@ -6,16 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import distributions, smoothed_fit
+from terrain_cli.comparison import distributions, prediction, smoothed_fit
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Size
+from terrain_cli.diagnosis.refit_ranking import absent
 from terrain_cli.models.model_file import SOIL_UNITS
+from terrain_cli.telemetry import unit_doubts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.vocabulary.arrays import Array, Index
 
     Known = tuple[float, float]
 
@@ -74,3 +78,37 @@ def pooled(found: Sequence[Known]) -> Known:
     mean = float(np.average(values, weights=weight))
     scatter = float(weight @ (values - mean) ** 2) / max(len(values) - 1, 1)
     return mean, float(weight.sum() ** -0.5) * max(scatter, 1.0) ** 0.5
+
+
+def settles_pull(wheels: Sequence[FittedWheel], one: Hypothesis) -> bool:
+    """Tell whether torque and pull change alike without an effect, where as measured they do not.
+
+    Only what changes these themselves, and follows something recorded, settles that: a constant factor may
+    just as well be that of a unit, and to a wrong unit a law of the soil can be fitted.
+    """
+    forces, settled = {"torque", "drawbar_pull"}, list[bool]()
+    follow = all(effect.needs and effect.laws.keys() <= forces for effect in one.effects)
+    for wheel in wheels if follow and one.effects else ():
+        if not forces <= wheel.measured.keys():
+            continue
+        without, measured = _without(wheel, one), wheel.measured
+        left = {name: measured[name] - wheel.predicted[name] + without[name] for name in measured}
+        settled.append(_odd(wheel, measured) and not _odd(wheel, left))
+    return bool(settled) and all(settled)
+
+
+def _without(wheel: FittedWheel, one: Hypothesis) -> dict[str, Array]:
+    """Predict a wheel with an effect absent, and everything else as it was fitted with it."""
+
+    def parameters(rows: Index) -> dict[str, Array]:
+        return absent(one, wheel.of_samples(rows))
+
+    return prediction.values(wheel.model, wheel.geometry, wheel.read, parameters)
+
+
+def _odd(wheel: FittedWheel, measured: Mapping[str, Array]) -> bool:
+    """Tell whether pull and torque of a wheel change as if one of them were in another unit."""
+    columns = [measured["drawbar_pull"], measured["torque"] / wheel.geometry.radius]
+    columns += [wheel.channels[name] for name in ("load", "pitch") if name in wheel.channels]
+    force, rim, *others = np.array(columns)[:, np.isfinite(columns).all(axis=0)]
+    return unit_doubts.odd_changes(force, rim, others) is not None

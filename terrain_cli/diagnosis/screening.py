@@ -53,11 +53,6 @@ class Screened:
     columns: list[_Columns] = field(default_factory=list)
     lasting: bool = False  # What the strongest effect leaves lasts for longer than short blocks
 
-    def shares(self, effect: str) -> dict[str, float]:
-        """Return how large an effect is, over the size of each channel, in the wheel where that is most."""
-        each = [part.shares(effect) for part in self.columns]
-        return {name: max((one.get(name, 0.0) for one in each), default=0.0) for name in UNITS}
-
     def held_out_gain(self, effect: str) -> Array:
         """Return what an effect, fitted to the others, takes off the squares of each (to first order)."""
         return np.asarray(sum(part.held_out_gain(effect) for part in self.columns))
@@ -254,7 +249,6 @@ class _Columns:
         self.noise_known = all(np.isfinite(level.deviation) for level in wheel.noise.values())
         names = known.white.channels
         self.evidence = known
-        self.sizes = {name: float(np.sqrt(np.nanmean(wheel.measured[name] ** 2))) for name in names}
         effects = [effect for one in hypotheses for effect in one.effects]
         self.groups: list[_Group] = []
         tables = [np.zeros((len(rows), len(names), 0))]
@@ -327,12 +321,6 @@ class _Columns:
         if not len(columns):
             return np.zeros_like(self.evidence.residual)
         return np.asarray(self.left[:, :, columns] @ self.scores.fit(columns, _WIDTH**-2.0)[0])
-
-    def shares(self, effect: str) -> dict[str, float]:
-        """Return how large an effect is to first order, over the size of each channel."""
-        shown = self._explained_by(self._best_shape(effect))
-        there = self.evidence.white.undone(shown, self.evidence.known)
-        return {name: float(np.sqrt(np.mean(one**2))) / self.sizes[name] for name, one in there.items()}
 
     def held_out_gain(self, effect: str) -> Array:
         """Return by block what an effect gains there, fitted to the other blocks of this wheel."""

@@ -8,18 +8,20 @@ steps, which shows in sinkage, and in all that follows from it. Either is weighe
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from terrain_cli.comparison import smoothed_fit
 from terrain_cli.comparison.compare import fit_wheels
+from terrain_cli.comparison.comparison_outcome import place_of
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
+from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
-from terrain_cli.vocabulary.quantities import counted, the_wheel
+from terrain_cli.vocabulary.quantities import counted, listed, the_wheel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -40,73 +42,83 @@ MOST_SAMPLES = 3_000
 _WILD = 10.0
 
 
+class Instead(NamedTuple):
+    """What on fewer soils predicts as well as several."""
+
+    what: str  # An effect, or a law; empty where the soil alone does
+    as_good: bool = True  # It does beyond doubt; else it takes off most of what several soils do
+
+
 def on_fewer(
     cut: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
-) -> tuple[Ground, list[Index]]:
-    """Take one soil for each terrain if, with some effect or none, it predicts as well as several."""
+) -> tuple[Ground, list[Index], Instead | None]:
+    """Take one soil for each terrain if, with some effect or none, it predicts as well as several.
+
+    Also returned is that effect, if several are not needed.
+    """
     wheels, blocks = [], []
     for wheel, own in zip(cut.wheels, block, strict=True):
         joined, order = wheel.one_soil or (wheel, slice(None))
         wheels.append(joined)
         blocks.append(own[order])
     if all(one is other for one, other in zip(wheels, cut.wheels, strict=True)):
-        return cut, list(block)
+        return cut, list(block), None
     one = refits.ground(wheels, blocks, MOST_SAMPLES, cut)
-    if _stand_for_soils(one, blocks, cut, hypotheses, progress):
-        return one, blocks
-    return cut, list(block)
+    stands = _stands_for_soils(one, blocks, cut, hypotheses, progress)
+    return (cut, list(block), None) if stands is None else (one, blocks, stands)
 
 
 def on_more(
-    data: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
-) -> tuple[Ground, list[str]]:
-    """Take another soil, told where, from a sample on if that predicts better than any effect on the same."""
-    if data.blocks < criteria.BLOCKS_OF_ALARM:
-        return data, []
-    found = _with_steps(data, block)
-    if found is None or _stand_for_soils(data, block, found[0], hypotheses, progress):
-        return data, []
-    return found[0], found[2]
-
-
-def as_needed(
-    comparison: Comparison,
+    found: Comparison,
+    wheels: Sequence[FittedWheel],
     file: ModelFile,
-    *,
-    without: ModelFile | None = None,
-    effects: Sequence[Effect] = (),
-) -> tuple[list[Windows], list[str]]:
-    """Return the windows of a comparison on the soils that a model needs, and what has to be said about it.
+    effects: Sequence[Effect],
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[list[FittedWheel], list[str]]:
+    """Take another soil, told where, from a sample on if a model misses and no effect predicts as well."""
+    misses = found.failures or above_noise(over_noise(found))
+    if not misses or found.blocks < criteria.BLOCKS_OF_ALARM:
+        return list(wheels), []
+    progress("one soil or several")
+    block = [one.blocks for one in found.wheels]
+    data = refits.ground(wheels, block, MOST_SAMPLES)
+    steps = _with_steps(data, block)
+    if steps is None:
+        return list(wheels), []
+    hypotheses, _ = screening.hypotheses(file, wheels, effects)
+    if _stands_for_soils(data, block, steps[0], hypotheses, progress) is not None:
+        return list(wheels), []
+    return steps[0].wheels, steps[1]
 
-    `without` is the model before it got one of the effects: where that stands for soils, there are fewer.
+
+def enough_with(
+    comparison: Comparison, effect: Effect, without: ModelFile
+) -> tuple[list[Windows], list[str]]:
+    """Return the windows of a comparison, on fewer soils if an effect, which a model lacks, stands for them.
+
+    Also returned is what has to be said about it.
     """
     windows = [wheel.windows for wheel in comparison.wheels]
     block = [wheel.blocks for wheel in comparison.wheels]
-    if without is not None and len(effects) == 1 and any(len(one) > 1 for one in windows):
-        cut = _ground(windows, block, without, effects)
-        hypotheses, _ = screening.hypotheses(without, cut.wheels, effects)
-        fewer, _ = on_fewer(cut, block, hypotheses, lambda _: None)
-        if any(len(a.windows) < len(b.windows) for a, b in zip(fewer.wheels, cut.wheels, strict=True)):
-            soils = sum(len(wheel.windows) for wheel in fewer.wheels)
-            enough = counted(soils, "soil")
-            told = f"with {effects[0].id}, {enough} will do: both models are compared on {enough}"
-            return [wheel.windows for wheel in fewer.wheels], [told]
-    if not comparison.failures:
+    settings = FitSettings.of(windows, without)
+    fitted, _ = fit_wheels(windows, without.model, settings, further={*effect.reads})
+    hypotheses, _ = screening.hypotheses(without, fitted, [effect])
+    cut = refits.ground(fitted, block, MOST_SAMPLES)
+    fewer, _, stands = on_fewer(cut, block, hypotheses, lambda _: None)
+    if stands is None:
         return windows, []
-    found = _with_steps(_ground(windows, block, file), block)
-    return ([wheel.windows for wheel in found[0].wheels], found[2]) if found else (windows, [])
+    needed = [wheel.windows for wheel in fewer.wheels]
+    return needed, [enough([effect], sum(map(len, needed)))]
 
 
-def _ground(
-    windows: Sequence[Windows], block: Sequence[Index], file: ModelFile, effects: Sequence[Effect] = ()
-) -> Ground:
-    settings = FitSettings.of(windows, file)
-    further = {name for effect in effects for name in effect.reads}
-    return refits.ground(fit_wheels(windows, file.model, settings, further=further)[0], block, MOST_SAMPLES)
+def enough(effects: Sequence[Effect], count: int) -> str:
+    """Say on how many soils two models are compared, of which one has some effects."""
+    soils = counted(count, "soil")
+    return f"with {listed([one.id for one in effects])}, {soils} will do: both models are compared on {soils}"
 
 
-def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, list[str]] | None:
-    """Cut windows where the soil steps; with the base on more soils, and where each of them begins."""
+def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, list[str]] | None:
+    """Cut windows where the soil steps, and say where each further soil begins; None if it does not."""
     found, steps = data, list[tuple[int, int]]()
     plain = before = refits.refit(data, None)
     for _ in range(criteria.MOST_STEPS):
@@ -128,20 +140,20 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
         steps.append((index, sample))
     if not steps or not _share(data, plain, before) > criteria.STEPS_SHARE:
         return None
-    return found, before, [_where(found.wheels[index], sample) for index, sample in sorted(steps)]
+    return found, [_where(found.wheels[index], sample) for index, sample in sorted(steps)]
 
 
-def _stand_for_soils(
+def _stands_for_soils(
     one: Ground,
     block: Sequence[Index],
     cut: Ground,
     hypotheses: Sequence[Hypothesis],
     progress: Callable[[str], None],
-) -> bool:
-    """Tell whether fewer soils, with some effect or none, predict as well as several."""
+) -> Instead | None:
+    """Return what on fewer soils predicts as well as several; None where nothing does."""
     plain, several = refits.refit(one, None), refits.refit(cut, None)
     if refit_ranking.as_good(plain, several):
-        return True
+        return Instead("")
     gap = float((plain.loss - several.loss).sum())
     for hypothesis in screening.promising(one.wheels, block, hypotheses)[: criteria.RIVALS]:
         progress(f"fewer soils and {hypothesis.id}")
@@ -152,13 +164,14 @@ def _stand_for_soils(
         # What else is missing an effect takes off as well: soils beside it must not be worth much more.
         both = refits.refit(cut, hypothesis)
         if taken > criteria.STANDS_FOR_SOILS * float((plain.loss - both.loss).sum()):
-            return True
+            return Instead(hypothesis.id, as_good=refit_ranking.as_good(found, several))
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
     if fewer >= criteria.SOILS_OF_A_LAW:
         # Nor may what is in no catalogue pass for soils.
         drafted = outside_catalogue.best(one, plain, progress)
-        return bool(drafted) and refit_ranking.as_good(drafted[0].refit, several)
-    return False
+        if drafted and refit_ranking.as_good(drafted[0].refit, several):
+            return Instead(f"a law ({drafted[0].draft.in_words()})")
+    return None
 
 
 def _share(data: Ground, plain: Refit, better: Refit) -> float:
@@ -224,13 +237,12 @@ def _cut(wheel: FittedWheel, sample: int) -> FittedWheel:
         replace(windows, bounds=np.insert(windows.bounds, window + 1, sample)),
         wheel.model,
         wheel.settings,
-        further=wheel.further,
+        wheel.segment,
+        wheel.further,
     )
 
 
 def _where(wheel: FittedWheel, sample: int) -> str:
-    samples, row = wheel.windows.samples, int(wheel.windows.rows[sample])
-    when = f"{samples.time[row] - samples.time[0]:.4g} s" if samples.time is not None else f"row {row + 1}"
-    distance = samples.distance
-    driven = f" ({distance[row]:.3g} m)" if distance is not None and np.isfinite(distance[row]) else ""
-    return f"{samples.source}: {the_wheel(samples.wheel)}: the soil changes at {when}{driven}"
+    samples = wheel.windows.samples
+    place = place_of(samples, int(wheel.windows.rows[sample]))
+    return f"{samples.source}: {the_wheel(samples.wheel)}: the soil changes at {place}"

@@ -153,17 +153,19 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
 def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     """Hold the alarm against the gain of the best explanation on held-out blocks, and against its size."""
     # Of whichever predicts best: the order of the ranking has reasons besides.
-    fitted = [one for _, one in ranked.several] or [ranked.base]
-    least = min(fitted, key=lambda one: float(one.loss.sum()))
+    best = min(ranked.several, key=lambda pair: float(pair[1].loss.sum()), default=None)
+    least = best[1] if best else ranked.base
     laws = [one for one in ranked.drafts[:1] if float((one.refit.loss - least.loss).sum()) < 0.0]
     gain = ranked.base.loss - (laws[0].refit if laws else least).loss
     told = next((one for one in laws if refit_ranking.beats(one.refit, least)), None)
     p_value = max(before.p_value, alarm.at_level(gain))
     shares = alarm.shares(ranked.data, ranked.base, told.refit if told else least)
-    if told is None:
-        # An interpolated load does not have the quick changes in which a lag is largest.
-        first = ranked.log.found.shares(least.id)
-        shares = {name: float(np.fmax(share, first.get(name, 0.0))) for name, share in shares.items()}
+    if best and best[0].effects and told is None and p_value < criteria.LEVEL:
+        # A loss of smoothed channels may fall where no error does; or not, as with a lag, where errors do.
+        # Without an assumption of the base other channels are predicted, and fitted, too.
+        wheels = ranked.data.wheels
+        fitted = [refits.fitted_anew(wheel, best[0]) for wheel in wheels]
+        shares = alarm.printed_shares(wheels, fitted, ranked.log.block)
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)
     return Alarm(
@@ -204,7 +206,8 @@ def family(case: Case, ranked: Ranked) -> Family:
     # Nor where its size is not to be believed.
     clear = clear and not refit_ranking.doubt(ranked.data, *near[0])
     earned = judged.earned and clear and ranked.data.blocks >= comparison_criteria.FEWEST_BLOCKS
-    # Nor is it where another sensor's error would do.
+    # Nor is it where a soil that changes predicts better, or where another sensor's error would do.
+    earned = earned and not ranked.log.soils_are_better
     rival = outside_catalogue.sensor(ranked.drafts, *near[0]) if earned else None
     earned = earned and rival is None
     # A second effect shows as soon as the first is in the model.
@@ -300,10 +303,17 @@ def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
 def candidates(
     log: DiagnosedLog, base: Refit, ranked: Sequence[Fitted], family: Sequence[str]
 ) -> list[Candidate]:
-    """List every candidate that can be tested: those ranked, then the others by what they explain."""
+    """List every candidate that can be tested.
+
+    The best comes first, then the rest of the family, the others, and those that were not fitted; each of
+    these by what they explain.
+    """
     data, found = log.data, log.found
     count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
     beyond = float(base.loss.sum()) - count
+    if beyond <= 0.0 and ranked:
+        # What passes for noise, and is taken off all the same, was none.
+        beyond = max(float((base.loss - refit.loss).sum()) for _, refit in ranked)
     # Where all is noise, there is nothing to explain a share of.
     misfit = beyond if beyond > 0.0 else np.nan
     first = ranked[0][0].id if ranked else ""
@@ -326,11 +336,16 @@ def candidates(
             refitted=refit is not None,
             in_family=refit is not None and one.id in family,
             doubt="" if refit is None else refit_ranking.doubt(data, one, refit),
+            settles=one.id == first and effect_sizes.settles_pull(wheels, one),
         )
 
-    done = {one.id for one, _ in ranked}
-    rest = [candidate(one, None) for one in log.hypotheses if one.id in found.p_values and one.id not in done]
-    return [*(candidate(one, refit) for one, refit in ranked), *sorted(rest, key=lambda one: one.loss)]
+    fitted = {one.id: refit for one, refit in ranked}
+    every = [one for one, _ in ranked]
+    every += [one for one in log.hypotheses if one.id in found.p_values and one.id not in fitted]
+    listed = [candidate(one, fitted.get(one.id)) for one in every]
+    return sorted(
+        listed, key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss)
+    )
 
 
 def _with(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> list[FittedWheel]:

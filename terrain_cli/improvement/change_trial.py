@@ -21,7 +21,7 @@ from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.long_logs import notes
-from terrain_cli.vocabulary.quantities import counted, listed
+from terrain_cli.vocabulary.quantities import listed
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.joined_inputs import with_inputs
 
@@ -56,11 +56,20 @@ class _OnSoils(NamedTuple):
         several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
         return cls(wheels, file, several, told)
 
+    def on_needed(self, **options: Any) -> tuple[_OnSoils, Comparison]:
+        """Compare it on the soils that it needs, which may be more; options are those of `compared`."""
+        found = self.compared(**options)
+        missing = alarm.missing_effects(self.file)
+        fitted, steps = several_soils.on_more(found, self.fitted, self.file, missing)
+        if not steps:
+            return self, found
+        more = self._replace(fitted=fitted, told=[*self.told, *steps])
+        return more, more.compared(**options)
+
     def compared(self, soils: EstimateRequest | None = None, *, seed: int, **options: Any) -> Comparison:
         """Compare it with what was measured; options are those of `of_fitted`."""
-        wheels, file = self.wheels, self.file
-        found = of_fitted(self.fitted, seed=seed, warnings=self.told, **options)
-        block = [one.blocks for one in found.wheels]
+        wheels, file, fitted, told = self
+        found = of_fitted(fitted, seed=seed, warnings=told, **options)
         return replace(
             found,
             soils=soils or EstimateRequest(wheels=wheels, file=file),
@@ -69,7 +78,7 @@ class _OnSoils(NamedTuple):
                 [one.samples.source for one in wheels],
                 sum(len(one.windows.rows) for one in found.wheels),
             ),
-            scores=cache(partial(alarm.score, self.fitted, block, file, seed)),
+            scores=cache(partial(alarm.score, found, fitted, file, seed)),
         )
 
 
@@ -88,7 +97,8 @@ def fitted(
     Options are as for `of_fitted`.
     """
     found = _OnSoils.of(wheels, file, progress)
-    return found.compared(soils, like=like, findings=findings, seed=seed, progress=progress)
+    options: dict[str, Any] = {"soils": soils, "like": like, "seed": seed, "progress": progress}
+    return found.on_needed(**options)[1] if findings else found.compared(findings=False, **options)
 
 
 def compared(wheels: Sequence[Windows], file: ModelFile, **options: Any) -> Comparison:
@@ -125,28 +135,33 @@ def tried(
     def telling(what: str) -> Callable[[str], None]:
         return lambda step: progress(f"{what}: {step}")
 
-    def both(some: Sequence[Windows], first: Comparison | None) -> list[Comparison]:
-        """Return both on the same blocks, then both on their own, as `compare` has them."""
+    def both(some: Sequence[Windows], first: Comparison | None, *, more: bool) -> list[Comparison]:
+        """Return both on the same blocks, then both on their own, as `compare` has them.
+
+        With `more` on as many soils as each needs.
+        """
         told, new = telling("before"), telling("after")
-        old = cache(lambda: _OnSoils.of(some, before, told))
-        own = old().compared(seed=seed, progress=told) if first is None else first
-        soils = _OnSoils.of(some, after, new)
-        changed = soils.compared(seed=seed, progress=new)
+
+        def on(file: ModelFile, tell: Callable[[str], None]) -> tuple[_OnSoils, Comparison]:
+            own = _OnSoils.of(some, file, tell)
+            known: dict[str, Any] = {"seed": seed, "progress": tell}
+            return own.on_needed(**known) if more else (own, own.compared(**known))
+
+        old = cache(lambda: on(before, told))
+        own = old()[1] if first is None else first
+        soils, changed = on(after, new)
         if own.blocks < comparison_criteria.FEWEST_BLOCKS and changed.blocks > own.blocks:
             # What is missing is remembered longer than noise: the better model tells how long that is.
-            return [old().compared(like=changed, seed=seed, progress=told), changed, own, changed]
+            return [old()[0].compared(like=changed, seed=seed, progress=told), changed, own, changed]
         second = soils.compared(like=own, findings=False, seed=seed, progress=new)
         # Where it fails is told on its own blocks, which may be shorter.
         return [own, replace(second, failures=changed.failures), own, changed]
 
-    first, second, compared_before, compared_after = both(wheels, first)
+    first, second, compared_before, compared_after = both(wheels, first, more=True)
     progress("one soil or several")
-    windows, told = _needed_soils(first, second, compared_after, action, before, after)
+    windows, told = _needed_soils(first, second, compared_after, before, after)
     if told:
-        first, second, _, again = both(windows, None)
-        if _soils(again) > _soils(compared_after):
-            # `compare` joins soils as well, but finds no steps within them.
-            compared_after = again
+        first, second, *_ = both(windows, None, more=False)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
     answer()
     first = replace(first, soils=asked[0])
@@ -179,30 +194,20 @@ def tried(
 
 
 def _needed_soils(
-    first: Comparison,
-    second: Comparison,
-    own: Comparison,
-    action: Action,
-    before: ModelFile,
-    after: ModelFile,
+    first: Comparison, second: Comparison, own: Comparison, before: ModelFile, after: ModelFile
 ) -> tuple[Sequence[Windows], list[str]]:
-    """Return the soils that the model with the effect needs, and what is said of them if they are others.
+    """Return the soils that the model with an effect needs, and what is said of them if they are others.
 
-    Without an effect, new soils can stand for it: then it would seem to be worth nothing. And where a
-    soil steps that no window tells apart, no effect would be worth anything.
+    Without an effect, new soils can stand for it: then it would seem to be worth nothing.
     """
-    if action == "remove":
-        return several_soils.as_needed(first, before)
     ratio = weigh(first, second, own)[1].overall
     new = [one for one in after.model.effects if one not in before.model.effects]
-    windows, told = several_soils.as_needed(
-        second, after, without=before, effects=[] if ratio.high < 1.0 else new
-    )
-    if not told and ratio.low <= 1.0 <= ratio.high and _soils(second) < _soils(first):
+    windows, told = [wheel.windows for wheel in second.wheels], list[str]()
+    if len(new) == 1 and not ratio.high < 1.0 and any(len(one) > 1 for one in windows):
+        windows, told = several_soils.enough_with(second, new[0], before)
+    if not told and new and ratio.low <= 1.0 <= ratio.high and second.soil_count < first.soil_count:
         # With fewer soils it predicts as well: what it is worth shows on these.
-        enough = counted(_soils(second), "soil")
-        names = " and ".join(one.id for one in new)
-        told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
+        told = [several_soils.enough(new, second.soil_count)]
     return windows, told
 
 
@@ -217,10 +222,6 @@ def _places(parts: Sequence[Windows], wheels: Sequence[Windows]) -> list[Place]:
             segment = int(np.searchsorted(own[part].bounds, start - firsts[part], side="right"))
             places.append((own[part].samples.source, wheel.samples.wheel, segment))
     return places
-
-
-def _soils(comparison: Comparison) -> int:
-    return sum(len(wheel.windows) for wheel in comparison.wheels)
 
 
 def _kind(samples: Samples) -> tuple[object, ...]:

@@ -14,8 +14,7 @@ from terrain_cli.improvement import improvement_criteria as criteria
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.diagnosis.conclusion import Evidence
-    from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+    from terrain_cli.diagnosis.diagnosis_outcome import Evidence, NextDrive
     from terrain_cli.models import ModelFile
 
 Action = Literal["add", "remove"]

@@ -10,8 +10,8 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.diagnosis.conclusion import Conclusion, Evidence, conclude
-from terrain_cli.diagnosis.diagnosis_outcome import Asked
+from terrain_cli.diagnosis.conclusion import Conclusion, conclude
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, Evidence
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted, entries, known, listed, quantity, short

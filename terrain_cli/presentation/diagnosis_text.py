@@ -23,8 +23,8 @@ FORMAT = "terrain-est/diagnosis/1"
 _ALARM = ("raised", "p_value", "level", "gain", "gain_se", "cause", "channel", "share", "smallest_share")
 _UNKNOWN = ("channel", "driver", "form", "explained", "sentence", "alternatives")
 _LEGEND = (
-    "marked *: these data cannot tell it from the best; explains: share of the misfit, by the loss that "
-    "ranks them; survives: share of its trace in the errors that no soil imitates"
+    "explains: share of the misfit, by the loss that ranks them; survives: share of its trace in the errors "
+    "that no soil imitates"
 )
 #: Candidates that a person reads.
 _SHOWN = 8
@@ -86,8 +86,7 @@ def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
     """Say what gives each candidate its place: its loss, or what overrules that.
 
     "score" where it was not fitted; "plainer" of a first one that has fewer parameters than the next, which
-    has less loss, but not clearly; "behind" where candidates with more loss come before it, as its size is
-    doubted or it is no clear gain.
+    has less loss, but not clearly; "behind" where candidates with more loss come before it.
     """
     fitted = [one for one in candidates if one.refitted]
     plainer = len(fitted) > 1 and fitted[1].loss < fitted[0].loss and not fitted[1].doubt
@@ -103,25 +102,19 @@ def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
     return found
 
 
-def order(candidates: Sequence[Candidate]) -> list[str]:
-    """Say in a sentence each why a candidate does not stand where its loss would put it."""
-    places, told = ranked_by(candidates), []
-    if places[0] == "plainer":
+def order(candidates: Sequence[Candidate], together: Sequence[str] = ()) -> list[str]:
+    """Say in which order several candidates stand, and what is marked."""
+    if len(candidates) < 2:
+        return []
+    marked = ""
+    if any(one.in_family for one in candidates[1:]):
+        why = "of which the first line speaks" if together else "which these data cannot tell from it"
+        marked = f" those marked *, {why}, then"
+    told = f"order: the best first, then{marked} the others, by what each explains"
+    if ranked_by(candidates)[0] == "plainer":
         first, second = candidates[:2]
-        told.append(
-            f"{first.effect} stands first because it has fewer parameters: "
-            f"{second.effect} predicts better, but not significantly"
-        )
-    behind = [one for one, place in zip(candidates, places, strict=True) if place == "behind"]
-    if any(one.doubt for one in behind):
-        told.append("effects whose size is doubtful (in brackets) stand behind the others")
-    chance = [one.effect for one in behind if not one.doubt]
-    if chance:
-        stand, gain, its = (
-            ("stands", "its gain", "its") if len(chance) == 1 else ("stand", "their gains", "their")
-        )
-        told.append(f"{listed(chance)} {stand} lower than {its} errors suggest: {gain} may be chance")
-    return told
+        told += f"; {first.effect} has fewer parameters, and {second.effect} is not significantly better"
+    return [told]
 
 
 def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> str:
@@ -129,10 +122,12 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     alarm = diagnosis.alarm
     chance = f"p {alarm.p_value:.4f}" if alarm.p_value >= 0.0001 else "p < 0.0001"
     state = "raised" if alarm.raised else "silent"
-    lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g})"]
+    idle = f": {alarm.cause}, which predicts best, lowers no held-out error" * alarm.idle
+    lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g}){idle}"]
     shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
     if shown:
-        lines += ["", *_table(diagnosis, shown), *order(shown)]
+        soils = "; same soils: those of the rows below" * bool(diagnosis.heldout)
+        lines += ["", *_table(diagnosis, shown), *order(shown, diagnosis.together), f"{_LEGEND}{soils}"]
     lines += _drives(diagnosis.next_drive)
     if diagnosis.not_testable:
         lines += ["", "not testable on these data:"]
@@ -192,9 +187,6 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
         for one in shown
     ]
     table = [head, ["  " + base[0], *base[1:]]]
-    legend = _LEGEND
     if diagnosis.heldout:
         table.append(["  (as it is, same soils)", "", "", *errors(diagnosis.heldout), ""])
-        legend += "; same soils: those of the rows below"
-    table += rows
-    return ["held-out error with each effect:", *aligned(table), legend]
+    return ["held-out error with each effect:", *aligned([*table, *rows])]

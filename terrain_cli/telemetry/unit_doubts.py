@@ -16,7 +16,7 @@ from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from terrain_cli.vocabulary.arrays import Array, Index
 
@@ -231,20 +231,9 @@ def pull(e: UnitEvidence) -> Suspicion | None:
     if found is None:
         return None
     force, torque, *others = found
-    bounds = np.linspace(0, len(force), BLOCKS + 1).astype(int)
-    parts = [slice(a, b) for a, b in pairwise(bounds) if b - a >= FEWEST]
-    rim = torque / e.geometry.radius
-    times = [_changes(force[part], rim[part], [column[part] for column in others]) for part in parts]
-    known = sorted(value for value in times if value is not None)
-    if len(known) < max(1.0, BLOCKS / 2):
-        return None
-    # A wrong unit is the same in every stretch, a drag that comes and goes is not: one of eight may differ.
-    spared = len(known) // BLOCKS
-    if known[spared] <= MOST_PULL and known[-1 - spared] >= LEAST_PULL:
-        return None
-    middle = float(np.median(known))
+    middle = odd_changes(force, torque / e.geometry.radius, others)
     # A torque that brakes is in doubt itself: as it is, it says nothing of the sign of the pull.
-    if middle < 0.0 and np.median(torque) < 0.0:
+    if middle is None or (middle < 0.0 and np.median(torque) < 0.0):
         return None
     share = f"{middle:.2g} of what torque over wheel radius changes by"
     what = f"drawbar_pull changes by {share}, at the same load"
@@ -259,6 +248,20 @@ def pull(e: UnitEvidence) -> Suspicion | None:
     if middle < 0.0:
         best = Mend("drawbar_pull", "N", -1.0)
     return Suspicion(what, best.channel, best)
+
+
+def odd_changes(force: Array, rim: Array, others: Sequence[Array]) -> float | None:
+    """Return the ratio of the changes of a pull and of T/r in a drive, typically; None where it is usual."""
+    bounds = np.linspace(0, len(force), BLOCKS + 1).astype(int)
+    parts = [slice(a, b) for a, b in pairwise(bounds) if b - a >= FEWEST]
+    times = [_changes(force[part], rim[part], [column[part] for column in others]) for part in parts]
+    known = sorted(value for value in times if value is not None)
+    if len(known) < max(1.0, BLOCKS / 2):
+        return None
+    # A wrong unit is the same in every stretch, a drag that comes and goes is not: one of eight may differ.
+    spared = len(known) // BLOCKS
+    usual = known[spared] <= MOST_PULL and known[-1 - spared] >= LEAST_PULL
+    return None if usual else float(np.median(known))
 
 
 def _changes(pull: Array, rim: Array, others: list[Array]) -> float | None:

@@ -1,4 +1,6 @@
-"""How often chance gives a gain, or leaves steady points as smooth along their slip."""
+"""How often chance gives a gain, or leaves steady points as smooth along their slip; and how large it is."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,9 +8,10 @@ from hidden_drives import Kind, sized, windows_of
 from scipy import stats
 
 from terrain_cli.comparison.residual_noise import between
-from terrain_cli.diagnosis import diagnose
-from terrain_cli.diagnosis.alarm import missing_effects, of_gain, of_gain_in_most, of_points
+from terrain_cli.diagnosis import diagnose, refits
+from terrain_cli.diagnosis.alarm import missing_effects, of_gain, of_gain_in_most, of_points, printed_shares
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm
 from terrain_cli.models import ModelFile
 
 
@@ -89,3 +92,26 @@ def test_what_a_large_effect_leaves_to_first_order_is_no_soil_that_varies(seed):
     case = Case(file=file, effects=missing_effects(file), seed=0, progress=lambda _: None)
     found = scores(case, soils(case, drive)).found
     assert found.p_values["multi-pass"] < 0.001
+
+
+@pytest.mark.parametrize(
+    ("after", "shares"),
+    [
+        ({"torque": 0.4, "sinkage": 0.001}, {"torque": 0.3 / 5.0, "sinkage": 0.0}),
+        # Sinkage is predicted a little better, and torque worse by more of its noise.
+        ({"torque": 0.51, "sinkage": 0.00099}, {"torque": 0.0, "sinkage": 0.0}),
+    ],
+)
+def test_what_lowers_no_printed_error_has_no_size(monkeypatch, after, shares):
+    measured = {"torque": np.full(9, 5.0), "sinkage": np.full(9, 0.02)}
+    noise = {"torque": SimpleNamespace(deviation=0.5), "sinkage": SimpleNamespace(deviation=0.001)}
+    wheel = SimpleNamespace(measured=measured, residuals=measured, noise=noise)
+    errors = {id(wheel): {"torque": 0.5, "sinkage": 0.001}}
+    monkeypatch.setattr(refits, "held_out_errors", lambda some, *_: errors.get(id(some[0]), after))
+    assert printed_shares([wheel], [SimpleNamespace()], []) == pytest.approx(shares)
+
+
+@pytest.mark.parametrize(("share", "small", "idle"), [(0.0, False, True), (0.002, True, False)])
+def test_what_lowers_no_error_is_no_small_effect(share, small, idle):
+    alarm = Alarm(raised=False, p_value=0.0005, level=0.01, share=share, smallest_share=0.003)
+    assert (alarm.small, alarm.idle) == (small, idle)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from terrain_cli.diagnosis import steps
+from terrain_cli.diagnosis import effect_sizes, refit_ranking, steps
 
 
 @pytest.mark.parametrize(("loss", "share"), [(0.5, np.nan), (1.0, np.nan), (3.0, 0.5)])
@@ -24,3 +24,43 @@ def test_share_of_a_misfit_that_is_there(loss, share):
     first, second = steps.candidates(log, base, [], ())
     assert (first.effect, second.effect) == ("strong", "weak")
     assert first.explained == pytest.approx(share, nan_ok=True)
+
+
+@pytest.fixture
+def told_of_losses_alone(monkeypatch):
+    """Leave out what is computed of each candidate besides its loss."""
+    for module, name, answer in (
+        (steps, "_with", []),
+        (effect_sizes, "of_refit", {}),
+        (effect_sizes, "settles_pull", False),
+        (refit_ranking, "doubt", ""),
+    ):
+        monkeypatch.setattr(module, name, lambda *_, answer=answer, **__: answer)
+
+
+@pytest.mark.usefixtures("told_of_losses_alone")
+def test_the_best_comes_first_then_the_family_then_the_others_each_by_loss():
+    losses = {"first": 2.0, "kin": 4.0, "other": 1.0, "kin-too": 3.0, "weak": 5.0}
+    named = dict.fromkeys(("scored", *losses), 0.0)
+    found = SimpleNamespace(scores=named, p_values=named, surviving=named, explained=named)
+    found.sizes = {name: {} for name in named}
+    hypotheses = [SimpleNamespace(id=name, title=name) for name in named]
+    log = SimpleNamespace(data=None, found=found, hypotheses=hypotheses)
+    base = SimpleNamespace(loss=np.full(10, 9.0), residuals=[np.ones(10)], heldout={})
+    ranked = [
+        (one, SimpleNamespace(loss=np.full(10, losses[one.id]))) for one in hypotheses if one.id in losses
+    ]
+    listed = steps.candidates(log, base, ranked, ("first", "kin", "kin-too"))
+    assert [one.effect for one in listed] == ["first", "kin-too", "kin", "other", "weak", "scored"]
+
+
+@pytest.mark.usefixtures("told_of_losses_alone")
+def test_the_best_explains_all_of_a_misfit_that_passed_for_noise():
+    """A lag under noise: all that is left is as large as noise, and yet the lag takes off a part of it."""
+    base = SimpleNamespace(loss=np.full(10, 0.9), residuals=[np.ones(10)], heldout={})
+    one = SimpleNamespace(id="lag", title="lag")
+    found = SimpleNamespace(scores={"lag": 9.0}, p_values={"lag": 0.0}, surviving={"lag": 1.0})
+    found.explained, found.sizes = {"lag": 1.0}, {"lag": {}}
+    log = SimpleNamespace(data=None, found=found, hypotheses=[one])
+    (listed,) = steps.candidates(log, base, [(one, SimpleNamespace(loss=np.full(10, 0.7)))], ("lag",))
+    assert listed.explained == pytest.approx(1.0)

@@ -76,3 +76,34 @@ def test_bounds_are_those_of_the_wheel(effect, name, size):
     best = found.candidates[0]
     assert (best.effect, best.doubt) == (effect, "")
     assert abs(best.sizes[name].value - size) < 3.0 * best.sizes[name].se
+
+
+@pytest.mark.parametrize(
+    ("gain", "needs", "changes", "settles"),
+    [
+        (1.4, ("motor_temperature",), "torque", True),
+        # What is left is as odd as before.
+        (1.05, ("motor_temperature",), "torque", False),
+        # A factor that is always the same may be that of a unit.
+        (1.4, (), "torque", False),
+        # A soil can be fitted to a wrong unit too.
+        (1.4, ("slip",), "sinkage_exponent", False),
+    ],
+)
+def test_only_an_effect_that_follows_something_settles_that_torque_and_pull_differ(
+    monkeypatch, gain, needs, changes, settles
+):
+    """A warm motor shows too little torque, as if it were in pounds and feet."""
+    rng = np.random.default_rng(5)
+    load, rim = 80.0 + 20.0 * rng.random(800), 20.0 * rng.random(800)
+    torque, pull = 0.125 * rim / 1.4, 0.95 * rim - 0.1 * load
+    wheel = SimpleNamespace(
+        measured={"torque": torque, "drawbar_pull": pull},
+        predicted={"torque": torque, "drawbar_pull": pull},
+        channels={"load": load},
+        geometry=Wheel(radius=0.125, width=0.1),
+    )
+    without = {"torque": gain * torque, "drawbar_pull": pull}
+    monkeypatch.setattr(effect_sizes, "_without", lambda *_: without)
+    one = SimpleNamespace(effects=[SimpleNamespace(needs=needs, laws={changes: ""})])
+    assert effect_sizes.settles_pull([wheel], one) is settles

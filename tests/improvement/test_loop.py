@@ -78,7 +78,7 @@ def diagnosing(*answers):
             together_or=(),
             candidates=[],
             heldout={},
-            soils=(0, 0),
+            soils=1,
             next_drive=[NextDrive((names[0], name), f"drive for {name}", 0.9) for name in names[1:]],
         )
 
@@ -251,10 +251,18 @@ def test_candidates_of_ones_own_are_named_by_their_paths(own):
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
         comparison=SimpleNamespace(
-            channels={}, blocks=20, stretch=None, doubted=(), refused=Refused(), points=False, failures=[]
+            channels={},
+            blocks=20,
+            stretch=None,
+            doubted=(),
+            refused=Refused(),
+            points=False,
+            failures=[],
+            soil_count=1,
+            soil_changes=[],
         ),
         heldout={},
-        soils=(0, 0),
+        soils=1,
         verdict="family",
         unrecorded=(),
         alarm=Alarm(raised=True, p_value=0.0, level=0.01),

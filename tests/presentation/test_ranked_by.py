@@ -4,46 +4,38 @@ from types import SimpleNamespace
 
 from terrain_cli.presentation import diagnosis_text
 
+BY = "by what each explains"
 
-def candidate(effect, loss, *, doubt="", refitted=True, torque=1.0):
-    return SimpleNamespace(
-        effect=effect,
-        loss=loss,
-        doubt=doubt,
-        refitted=refitted,
-        heldout={"torque": torque},
-        explained=0.5,
-        surviving=0.5,
-        in_family=False,
-        sizes={},
-    )
+
+def candidate(effect, loss, *, doubt="", refitted=True, in_family=False):
+    return SimpleNamespace(effect=effect, loss=loss, doubt=doubt, refitted=refitted, in_family=in_family)
 
 
 def test_an_order_by_loss_alone_needs_no_other_word():
     several = [candidate("a", -3.0), candidate("b", -2.0), candidate("c", -0.1, refitted=False)]
     assert diagnosis_text.ranked_by(several) == ["loss", "loss", "score"]
-    assert diagnosis_text.order(several) == []
+    assert diagnosis_text.order(several) == [f"order: the best first, then the others, {BY}"]
+    assert diagnosis_text.order(several[:1]) == []
 
 
-def test_a_plainer_first_one_and_one_that_stands_behind_are_told():
+def test_those_that_are_marked_come_before_the_others():
     several = [
-        candidate("a", -2.9),
-        candidate("b", -3.0),
-        candidate("c", -1.0),
-        candidate("d", -2.0, doubt="at its bound"),
+        candidate("a", -3.0, in_family=True),
+        candidate("b", -1.0, in_family=True),
+        candidate("c", -2.0, doubt="at its bound"),
     ]
-    assert diagnosis_text.ranked_by(several) == ["plainer", "loss", "loss", "behind"]
-    assert diagnosis_text.order(several) == [
-        "a stands first because it has fewer parameters: b predicts better, but not significantly",
-        "effects whose size is doubtful (in brackets) stand behind the others",
-    ]
+    assert diagnosis_text.ranked_by(several) == ["loss", "loss", "behind"]
+    marked = "then those marked *, which these data cannot tell from it, then the others"
+    assert diagnosis_text.order(several) == [f"order: the best first, {marked}, {BY}"]
+    assert "of which the first line speaks" in diagnosis_text.order(several, ("a", "b"))[0]
 
 
-def test_a_gain_that_may_be_chance_is_told_apart_from_a_doubted_size():
-    several = [candidate("a", -3.0), candidate("b", -1.0), candidate("c", -2.0), candidate("d", -1.5)]
-    assert diagnosis_text.order(several) == [
-        "c and d stand lower than their errors suggest: their gains may be chance"
-    ]
+def test_a_plainer_first_one_is_told():
+    several = [candidate("a", -2.9), candidate("b", -3.0), candidate("c", -1.0)]
+    assert diagnosis_text.ranked_by(several) == ["plainer", "loss", "loss"]
+    assert diagnosis_text.order(several)[0].endswith(
+        f"{BY}; a has fewer parameters, and b is not significantly better"
+    )
 
 
 def test_a_doubted_one_with_less_loss_makes_the_first_no_plainer():
