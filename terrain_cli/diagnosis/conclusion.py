@@ -44,7 +44,7 @@ class Evidence:
     doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
-    share: float = math.nan  # Of the misfit, that any of them explains at the most
+    share: float = math.nan  # Of the misfit, that any of them, or else a law, explains at the most
     leaves: bool = False  # The best of them leaves much of an error, beyond the noise
     closest: str = ""  # Where the alarm is silent: an effect that explains most, by chance or not
     together: tuple[str, ...] = ()  # Two that belong together
@@ -140,7 +140,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         family=family,
         share=max(
             (share_taken(found, one, noise) for one in found.candidates if one.effect in family),
-            default=math.nan,
+            default=law.explained if law and not law.begins else math.nan,
         ),
         leaves=first is not None and leaves_much(found, first.heldout, noise),
         closest=max(likely)[1] if likely else "",
@@ -239,7 +239,7 @@ def _unexplained(
 ) -> Conclusion:
     size = _size(above) if above else _not_random(known)
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
-    command = ""
+    command, elsewhere = "", _in_a_stretch(found, asked)
     # Who has diagnosed it, now or in the loop that ended, knows that nothing is left to try.
     diagnosed = found.verdict is not None or (found.ended and bool(found.refused))
     if diagnosed and _refused(found) and known and not above:
@@ -261,6 +261,8 @@ def _unexplained(
     elif found.closest and found.closest not in found.refused and not found.steps:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = asked.added((found.closest,))
+    elif elsewhere and not few and not found.steps:
+        why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
         why = "nothing that was recorded explains it beyond chance"
         if found.tracked:

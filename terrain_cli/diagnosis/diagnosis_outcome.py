@@ -140,6 +140,11 @@ class UnknownEffect:
     draft: str  # A TOML file of an effect that `model add` takes
     alternatives: tuple[str, ...] = ()  # Drivers of which this one is a function
 
+    @property
+    def begins(self) -> bool:
+        """Whether it is that something began at some time, and stays."""
+        return (self.driver, self.form) == ("time", "step")
+
 
 @dataclass(frozen=True)
 class NextDrive:
