@@ -146,6 +146,7 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
         else:
             known = "" if entry["fixed_by_data"] else "; the data do not fix it"
             lines.append(f"    {name} = {short(entry['value'], 4)} ± {short(entry['se'], 2)}{unit}{known}")
+    lines += [f"    c and φ are as in the law of {name}: {law}" for name, law in model["strength"].items()]
     told = ((counted(model[key], "segment"), text) for key, text in _TOLD.items() if model.get(key))
     return lines + [f"    {text.format(where)}" for where, text in told]
 
