@@ -21,6 +21,7 @@ from terrain_cli.comparison.comparison_outcome import (
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import INTERPOLATED
+from terrain_cli.mechanics.effect import CERTAIN
 from terrain_cli.vocabulary.quantities import counted, the_wheel
 from terrain_cli.windows.cut_windows import thinned
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from terrain_cli.windows.cut_windows import Windows
 
 
+#: Parameters of the soil that are never negative: what is shown of them, and how.
+_NEVER_NEGATIVE = {"cohesion": ("cohesion", " kPa", 1e-3), "tan_phi": ("tan φ", "", 1.0)}
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000
 
@@ -137,6 +140,7 @@ def of_fitted(
         for one in fitted
         for text in one.fit.impossible(one.settings.fixed)
     ]
+    warnings += _impossible_soils(fitted)
     progress("predicting blocks left out")
     compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
@@ -153,6 +157,24 @@ def of_fitted(
         failures=failures,
         warnings=warnings,
     )
+
+
+def _impossible_soils(fitted: Sequence[FittedWheel]) -> Iterator[str]:
+    """Say where the model has a cohesion or friction angle clearly below nought."""
+    model = fitted[0].model
+    called = " + ".join([model.base, *(effect.id for effect in model.effects)])
+    missing = "an effect is wrong or missing" if model.effects else "an effect is missing"
+    for name, (what, unit, factor) in _NEVER_NEGATIVE.items():
+        fits = [wheel.fit for wheel in fitted if name in wheel.fit.values]
+        value = np.concatenate([fit.values[name] for fit in fits]) if fits else np.zeros(0)
+        errors = np.concatenate([fit.errors[name] for fit in fits]) if fits else np.zeros(0)
+        wrong = value[value < -CERTAIN * np.nan_to_num(errors)]
+        if len(wrong):
+            yield (
+                f"{called} gives a {what} of {wrong.min() * factor:.2g}{unit} in {len(wrong)} of "
+                f"{counted(len(value), 'soil')}, which is physically impossible: {missing}, "
+                "or load, torque or sinkage is measured wrongly"
+            )
 
 
 def _without_findings(

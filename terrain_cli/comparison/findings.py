@@ -341,7 +341,7 @@ def sentence_of(
     if shape.name == "saturating":
         text += f", most of it in the first {at}{',' * hidden}"
     if hidden:
-        text += " would fit better; the fitted soil hides most of it"
+        text += " would fit better; the fitted model hides most of it"
     if alternatives:
         others = [quantity(other, "").words for other in alternatives]
         text += f" (or with {listed(others, 'or')}, which varied alike)"
