@@ -43,7 +43,7 @@ _NO_CAUSE = frozenset({"torque", "drawbar_pull"})
 #: Place and clock stand for something else: a drifting sensor, a tether, a soil that varies.
 ALONG = frozenset({"time", "x", "y", "elevation", "longitude", "latitude"})
 #: Shapes, the plainest first.
-FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "periodic")
+FORMS = ("constant", "linear", "gain", "magnitude", "quadratic", "saturating", "step", "periodic")
 ANGLE = "wheel_angle"
 _ACCELERATION, _SLOPE = "acceleration", "velocity_rate"
 #: How large a law of a quantity may well be: at least this, or this part of what was measured.
@@ -68,6 +68,8 @@ class Draft:
     def in_words(self, same: Sequence[str] = (), form: str = "") -> str:
         """Say what is off, and what it follows; to these data drivers in `same` are no others."""
         what = self.changes if self.changes in SENSED else f"the soil's {self.changes}"
+        if self.form == "gain":
+            what, form = f"the gain of {what}", form and "linear"
         if self.of_sensor:
             told = f"{what} is off by a constant{' and a factor' * bool(self.driver)}"
         else:
@@ -120,27 +122,38 @@ def screen(
     read = [name for name in _READ if name in channels]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
     for changes in (*shown, *read, *inner):
-        law = f"{changes} + a" if changes in SENSED else f"{changes} * (1 + a)"
-        unit = QUANTITIES[changes] if changes in SENSED else "1"
-        effect = effect_file.parse(_text("probe", "probe", changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
-        found = next(iter(signatures.of_effects(wheel, [effect], channels, rows)))
+        offset, gain = f"{changes} + a", f"{changes} * (1 + a)"
+        probes = {"gain": ("1", gain)}
         if changes in SENSED:
-            yield changes, "", "constant", found.tables
+            probes["offset"] = QUANTITIES[changes], offset
+        effects = [
+            effect_file.parse(_text(f"probe-{name}", name, changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
+            for name, (unit, law) in probes.items()
+        ]
+        found = [one.tables for one in signatures.of_effects(wheel, effects, channels, rows)]
+        of_gain, of_offset = found[0], found[-1]
+        if changes in SENSED:
+            yield changes, "", "constant", of_offset
         for driver, column in values.items():
-            for form in _forms(changes, driver, column):
+            for form in forms(changes, driver, column):
                 shapes = _shapes(form, column, own_offset=changes in SENSED)
                 if shapes is not None:
                     shapes = np.nan_to_num(shapes)
-                    yield changes, driver, form, {c: t * shapes for c, t in found.tables.items()}
+                    tables = of_gain if form == "gain" else of_offset
+                    yield changes, driver, form, {c: t * shapes for c, t in tables.items()}
 
 
-def _forms(changes: str, driver: str, column: Array) -> Sequence[str]:
+def forms(changes: str, driver: str, column: Array) -> Sequence[str]:
     """Name the forms in which a quantity may follow a driver."""
     if changes in _READ or driver == changes:
         return ("linear",) if driver == changes and changes in _READ else ()
     if driver == ANGLE:
         return ("periodic",) if changes in SHOWN else ()
-    return ("step",) if _on_or_off(column) else FORMS[1:-1]
+    if _on_or_off(column):
+        return ("step",)
+    # Heat or a supply voltage changes the gain of a sensor; what a wheel does, no sensor follows.
+    gain = changes in SHOWN and is_column(driver)
+    return [form for form in FORMS[1:-1] if gain or form != "gain"]
 
 
 def _on_or_off(column: Array) -> bool:
@@ -156,7 +169,7 @@ def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # n
     size = _size(column)
     if form == "periodic":
         return np.stack([np.sin(column), np.cos(column)], axis=1)
-    if form == "linear":
+    if form in ("linear", "gain"):
         return np.stack([column / size, one], axis=1) if own_offset else (column / size)[:, None]
     if form == "magnitude":
         return (np.abs(column) / size)[:, None] if low < 0.0 < high else None
@@ -226,7 +239,8 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
 ) -> Draft | None:
     """Write a draft of some usual size; None where the units of the driver do not allow the form."""
     shown = changes in SENSED
-    own = QUANTITIES[changes] if shown else "1"
+    own = QUANTITIES[changes] if shown and form != "gain" else "1"
+    usual = _PART if form == "gain" else usual
     of = _unit(driver, unit)
     divisor = of if of.isalpha() else f"({of})"
     per = own if of in ("", "1") else f"{own}/{divisor}"
@@ -238,7 +252,7 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
     bounds: dict[str, tuple[float, float]] = {}
     if form == "constant":
         term, parameters["a"] = "a", (own, 0.0, usual)
-    elif form == "linear":
+    elif form in ("linear", "gain"):
         term, parameters["a"] = f"a * {read}", (per, 0.0, usual / size)
         if shown and column is not None:
             # Of what is never near 0 the slope and the offset are large, and nearly cancel.
@@ -269,7 +283,7 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
         term = f"a * where({read} > at, 1, 0)"
         parameters["a"] = (own, 0.0, usual)
         parameters["at"] = (of or "1", at, 0.01 * size)
-    law = f"{changes} + {term}" if shown else f"{changes} * (1 + {term})"
+    law = f"{changes} + {term}" if shown and form != "gain" else f"{changes} * (1 + {term})"
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
     does = f"follows {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"
