@@ -130,6 +130,18 @@ def test_a_step_with_time_has_no_end():
     assert replace(found, failures=[told]).stretch is None
 
 
+def test_a_zero_that_jumps_is_told_at_the_time_at_which_it_does():
+    """The steps tried of any number are tenths of it; where the drive was cut is known to the sample."""
+    samples = samples_of(1, Kind())
+    channels = {name: values for name, values in samples.channels.items() if name not in {"x", "y"}}
+    jump = float(samples.time[np.searchsorted(samples.time, 0.55 * samples.time[-1])])
+    channels["torque"] = channels["torque"] + np.where(samples.time >= jump, 0.6, 0.0)
+    found = compare([cut(replace(samples, channels=channels), "auto")], Model())
+    first = found.failures[0]
+    assert (first.channel, first.driver, first.shape) == ("torque", "time", "step")
+    assert first.at == pytest.approx(jump, abs=1.0)
+
+
 def test_a_value_held_that_is_impossible_under_this_wheel_is_noted(clean):
     wheels, model = [one.windows for one in clean.wheels], Model(effects=(effects.find("load-bias"),))
     gain = {"load-bias.gain": 1.0}
