@@ -125,7 +125,7 @@ def _addition(name: str, table: Table) -> str:
     strength, error = (np.asarray(table[column], dtype=float)[rows] for column in _MAPPED)
     known = error <= _KNOWN * strength
     if known.all():
-        return "; the strength holds"
+        return "; the strength holds within its error"
     return (
         "; the strength holds where its error is small"
         if known.any()
