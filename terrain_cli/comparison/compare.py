@@ -140,7 +140,7 @@ def of_fitted(
         for one in fitted
         for text in one.fit.impossible(one.settings.fixed)
     ]
-    warnings += _impossible_soils(fitted)
+    warnings += _impossible_soils(fitted, made)
     progress("predicting blocks left out")
     compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
@@ -159,20 +159,27 @@ def of_fitted(
     )
 
 
-def _impossible_soils(fitted: Sequence[FittedWheel]) -> Iterator[str]:
-    """Say where the model has a cohesion or friction angle clearly below nought."""
+def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[str]:
+    """Say where the model has a cohesion or friction angle clearly below nought, on data that suffice."""
     model = fitted[0].model
     called = " + ".join([model.base, *(effect.id for effect in model.effects)])
     missing = "an effect is wrong or missing" if model.effects else "an effect is missing"
+    soils = [
+        (wheel.fit, j, len(np.unique(block[wheel.window == j])) >= criteria.FEWEST_BLOCKS)
+        for wheel, block in zip(fitted, made, strict=True)
+        for j in range(len(wheel.windows))
+    ]
     for name, (what, unit, factor) in _NEVER_NEGATIVE.items():
-        fits = [wheel.fit for wheel in fitted if name in wheel.fit.values]
-        value = np.concatenate([fit.values[name] for fit in fits]) if fits else np.zeros(0)
-        errors = np.concatenate([fit.errors[name] for fit in fits]) if fits else np.zeros(0)
-        wrong = value[value < -CERTAIN * np.nan_to_num(errors)]
-        if len(wrong):
+        there = [
+            (fit.values[name][j], fit.errors[name][j])
+            for fit, j, long in soils
+            if long and name in fit.values
+        ]
+        wrong = [value for value, error in there if value < -CERTAIN * np.nan_to_num(error)]
+        if wrong:
             yield (
-                f"{called} gives a {what} of {wrong.min() * factor:.2g}{unit} in {len(wrong)} of "
-                f"{counted(len(value), 'soil')}, which is physically impossible: {missing}, "
+                f"{called} gives a {what} of {min(wrong) * factor:.2g}{unit} in {len(wrong)} of "
+                f"{counted(len(soils), 'soil')}, which is physically impossible: {missing}, "
                 "or load, torque or sinkage is measured wrongly"
             )
 

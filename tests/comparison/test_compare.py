@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from known_misfits import MISFITS, Kind, compare, samples_of, windows_of
 from formats import Labels
 from terrain_cli import effects
 from terrain_cli.comparison import against, comparison_criteria
+from terrain_cli.comparison import compare as comparing
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.cut_windows import Windows, cut
@@ -149,6 +151,19 @@ def test_a_value_held_that_is_impossible_under_this_wheel_is_noted(clean):
     said = compare(wheels, model, fixed={**gain, "load-bias.offset": 1500.0}).warnings[-1]
     beyond = "load-bias.offset is held at 1500 N; under such a wheel it is from -1000 to 1000 N"
     assert said == f"drive 1: the wheel: {beyond}"
+
+
+def test_a_soil_below_nought_is_noted_where_there_are_blocks_enough():
+    """Of a few seconds the errors of a fit tell too little."""
+    values, errors = np.array([-5e3, -9e3]), np.array([1e3, 1e3])
+    wheel = SimpleNamespace(
+        model=Model(),
+        fit=SimpleNamespace(values={"cohesion": values}, errors={"cohesion": errors}),
+        window=np.repeat([0, 1], [80, 20]),
+        windows=[0, 1],
+    )
+    (told,) = comparing._impossible_soils([wheel], [np.arange(100) // 10])
+    assert told.startswith("wong-reece gives a cohesion of -5 kPa in 1 of 2 soils")
 
 
 def test_two_models_are_compared_on_the_same_blocks(clean):
