@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import shapes
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
@@ -53,6 +54,8 @@ _PART = 0.1
 _OF_SOIL = 0.2
 #: Part of a driver's range at which a saturating law has most of its effect.
 _BEND = 0.3
+#: Values of a driver at which a step is tried.
+_PLACES = 81
 
 
 @dataclass(frozen=True)
@@ -111,12 +114,16 @@ def drivers(wheel: FittedWheel) -> dict[str, Array]:
 
 
 def screen(
-    wheel: FittedWheel, values: Mapping[str, Array], channels: Mapping[str, Array], rows: Index
+    wheel: FittedWheel,
+    values: Mapping[str, Array],
+    channels: Mapping[str, Array],
+    rows: Index,
+    steps: Mapping[str, float],
 ) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
     """Yield the signatures of all drafts without writing them.
 
     What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves: tables by channel, shape
-    (n, columns). `values` are the drivers' at the rows.
+    (n, columns). `values` are the drivers' at the rows, `steps` the values at which a step of each is tried.
     """
     shown = [name for name in SHOWN if name in wheel.measured]
     read = [name for name in _READ if name in channels]
@@ -136,11 +143,11 @@ def screen(
             yield changes, "", "constant", of_offset
         for driver, column in values.items():
             for form in forms(changes, driver, column):
-                shapes = _shapes(form, column, own_offset=changes in SENSED)
-                if shapes is not None:
-                    shapes = np.nan_to_num(shapes)
+                shape = _shapes(form, column, steps[driver], own_offset=changes in SENSED)
+                if shape is not None:
+                    shape = np.nan_to_num(shape)
                     tables = of_gain if form == "gain" else of_offset
-                    yield changes, driver, form, {c: t * shapes for c, t in tables.items()}
+                    yield changes, driver, form, {c: t * shape for c, t in tables.items()}
 
 
 def forms(changes: str, driver: str, column: Array) -> Sequence[str]:
@@ -162,7 +169,7 @@ def _on_or_off(column: Array) -> bool:
     return bool(high > low and np.isin(column[np.isfinite(column)], (low, high)).all())
 
 
-def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
+def _shapes(form: str, column: Array, at: float, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
     """Return the columns of a shape: with a constant where the law has an offset of its own."""
     low, high = (float(v) for v in np.nanquantile(column, [0.02, 0.98]))
     one = np.ones_like(column)
@@ -184,7 +191,6 @@ def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # n
             return None
         return np.tanh(column / (_BEND * size))[:, None]
     if form == "step":
-        at = _threshold(column)
         return np.where(column > at, 1.0, 0.0)[:, None] if high > low else None
     return one[:, None]
 
@@ -225,19 +231,38 @@ def usual(changes: str, measured: Array) -> float:
     return max(_USUAL[changes], _PART * size)
 
 
-def _threshold(column: Array) -> float:
-    """Return where a step is: between the two levels of a flag, else at the middle of the values."""
-    known = column[np.isfinite(column)]
-    levels = np.unique(known)
-    if len(levels) <= 3:
-        return float(0.5 * (levels[0] + levels[1])) if len(levels) > 1 else float(levels[0])
-    return float(np.median(known))
+def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
+    """Return above which value of a driver the residuals of some samples differ most from the others."""
+    column = readable(wheel)[driver].values[rows]
+    levels = np.unique(column[np.isfinite(column)])
+    if len(levels) <= _PLACES:
+        places = 0.5 * (levels[1:] + levels[:-1])
+    else:
+        places = np.nanquantile(column, np.linspace(0.1, 0.9, _PLACES))
+    if driver == "time":
+        found = shapes.of_stretches(driver, column, wheel.segment[rows])
+        places = np.append(places, [one.at for one in found if one.name == "step"])
+    residuals = [own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()]
+
+    def taken(at: float) -> float:
+        above = column > at
+        sums = [np.nansum(own[above]) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals]
+        return float(sum(sums)) / max(float(np.mean(above)) * float(np.mean(~above)), 1e-12)
+
+    return max(map(float, places), key=taken, default=0.0)
 
 
 def write(  # noqa: C901, PLR0915 - one branch for each form
-    changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
+    changes: str,
+    driver: str,
+    form: str,
+    column: Array | None,
+    unit: str = "",
+    *,
+    usual: float,
+    step: float = 0.0,
 ) -> Draft | None:
-    """Write a draft of some usual size; None where the units of the driver do not allow the form."""
+    """Write a draft of some size, a step there; None where the units of the driver do not allow the form."""
     shown = changes in SENSED
     own = QUANTITIES[changes] if shown and form != "gain" else "1"
     usual = _PART if form == "gain" else usual
@@ -278,11 +303,9 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
         parameters["a"] = (own, 0.0, usual)
         parameters["s"] = (of or "1", _rounded(_BEND * size), _BEND * size)
     else:
-        assert column is not None  # noqa: S101 - a step is of a driver
-        at = _rounded(_threshold(column)) or 1e-12
         term = f"a * where({read} > at, 1, 0)"
         parameters["a"] = (own, 0.0, usual)
-        parameters["at"] = (of or "1", at, 0.01 * size)
+        parameters["at"] = (of or "1", float(f"{step:.6g}") or 1e-12, 0.01 * size)
     law = f"{changes} + {term}" if shown and form != "gain" else f"{changes} * (1 + {term})"
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()

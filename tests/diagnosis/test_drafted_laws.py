@@ -101,6 +101,20 @@ def test_a_gain_that_follows_a_column_is_drafted_as_one():
     assert tomllib.loads(found.unknown.draft)["law"] == "torque * (1 + a * supply + b)"
 
 
+def test_a_step_is_drafted_where_it_is():
+    """An amplifier that is off above some temperature, which is not the median of a drive."""
+    (windows,) = windows_of(82, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    heat = 30.0 + 6.0 * np.sin(2.0 * np.pi * samples.time / 13.0)
+    pull = samples.channels["drawbar_pull"] - np.where(heat > 33.0, 6.0, 0.0)
+    channels = {**samples.channels, "board": heat, "drawbar_pull": pull}
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert found.verdict == "unknown"
+    assert (found.unknown.channel, found.unknown.driver) == ("drawbar_pull", "board")
+    assert found.unknown.form == "step"
+    assert tomllib.loads(found.unknown.draft)["parameters"]["at"]["null"] == pytest.approx(33.0, abs=0.3)
+
+
 @pytest.mark.parametrize(("driver", "drafted"), [("supply", True), ("velocity", False), ("slip", False)])
 def test_no_gain_follows_what_the_wheel_does(driver, drafted):
     column = np.linspace(0.1, 0.9, 50)
