@@ -126,6 +126,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
     shares = [(min(one.explained, share_taken(found, one, noise)), one.effect) for one in credible]
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
+    taken = [share_taken(found, one, noise) for one in found.candidates if one.effect in family]
     # Nor is a drive worth while that only tells what explains it from what does not.
     drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     return Evidence(
@@ -138,10 +139,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         doubted=found.comparison.doubted,
         verdict=found.verdict,
         family=family,
-        share=max(
-            (share_taken(found, one, noise) for one in found.candidates if one.effect in family),
-            default=law.explained if law and not law.begins else math.nan,
-        ),
+        share=max(taken, default=law.explained if law and not law.begins else math.nan),
         leaves=first is not None and leaves_much(found, first.heldout, noise),
         closest=max(likely)[1] if likely else "",
         together=found.together,
