@@ -200,6 +200,21 @@ def test_a_column_without_numbers_was_not_measured_and_that_is_said(folder, tmp_
     assert told.endswith("torque: torque in N m holds no number: taken as not measured")
 
 
+@pytest.mark.parametrize(("channel", "unit"), [("torque", "N m"), ("sinkage", "m")])
+def test_a_channel_that_no_column_gives_is_told_with_the_columns_that_are_left(
+    folder, tmp_path, compare, channel, unit
+):
+    table = pd.read_csv(folder / "clean.csv")
+    table.rename(columns={channel: "Misspelt"}).to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    (told,) = (note for note in compare(tmp_path / "run.csv")["warnings"] if channel in note)
+    assert f"{channel} is not compared" in told
+    assert "columns that are left: Misspelt" in told
+    assert told.endswith(f'[channels] {channel} = {{ column = "…", unit = "{unit}" }}')
+    table.drop(columns=channel).to_csv(tmp_path / "run.csv", index=False)
+    assert not any(channel in note for note in compare(tmp_path / "run.csv")["warnings"])
+
+
 def test_keys_are_documented(folder, compare):
     text = (Path(__file__).parent.parent / "docs" / "compare.md").read_text("utf-8")
     models = ["--model", "wong-reece", "--model", folder / "model.toml"]

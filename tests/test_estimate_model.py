@@ -157,6 +157,18 @@ def test_parameters_of_effects_are_recovered(terrain_est_here, here, affected):
         assert abs(row.phi_deg - math.degrees(soil.friction_angle)) < 3.0 * row.phi_se_deg
 
 
+def test_it_is_told_of_which_speed_c_and_phi_are(terrain_est_here, here, plain):
+    write_csv(plain, here / "run.csv", terrain=True)
+    new = ("--effect", "rate-dependence", "--effect", "drivetrain-friction")
+    assert terrain_est_here("model", "new", "model.toml", *new).returncode == 0
+    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
+    told = terrain_est_here("estimate", "run.csv", *options).stderr
+    law = "τ = τ0 (1 + β ln(V/V0)), V0 = 0.1 m/s: c and tan φ both by that factor"
+    assert f"c and φ are as in the law of rate-dependence: {law}\n" in told
+    # Friction of the drive leaves the strength as it is.
+    assert by_wheel(summary())["strength"] == {"rate-dependence": law}
+
+
 def test_held_parameters_are_as_they_were_given(terrain_est_here, here, affected):
     write_csv(affected, here / "run.csv", terrain=True)
     (here / "model.toml").write_text(

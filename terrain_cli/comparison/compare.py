@@ -21,6 +21,7 @@ from terrain_cli.comparison.comparison_outcome import (
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import INTERPOLATED
+from terrain_cli.mechanics.effect import CERTAIN
 from terrain_cli.vocabulary.quantities import counted, the_wheel
 from terrain_cli.windows.cut_windows import thinned
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from terrain_cli.windows.cut_windows import Windows
 
 
+#: Parameters of the soil that are never negative: what is shown of them, and how.
+_NEVER_NEGATIVE = {"cohesion": ("cohesion", " kPa", 1e-3), "tan_phi": ("tan φ", "", 1.0)}
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000
 
@@ -137,6 +140,7 @@ def of_fitted(
         for one in fitted
         for text in one.fit.impossible(one.settings.fixed)
     ]
+    warnings += _impossible_soils(fitted, made)
     progress("predicting blocks left out")
     compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
@@ -153,6 +157,31 @@ def of_fitted(
         failures=failures,
         warnings=warnings,
     )
+
+
+def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[str]:
+    """Say where the model has a cohesion or friction angle clearly below nought, on data that suffice."""
+    model = fitted[0].model
+    called = " + ".join([model.base, *(effect.id for effect in model.effects)])
+    missing = "an effect is wrong or missing" if model.effects else "an effect is missing"
+    soils = [
+        (wheel.fit, j, len(np.unique(block[wheel.window == j])) >= criteria.FEWEST_BLOCKS)
+        for wheel, block in zip(fitted, made, strict=True)
+        for j in range(len(wheel.windows))
+    ]
+    for name, (what, unit, factor) in _NEVER_NEGATIVE.items():
+        there = [
+            (fit.values[name][j], fit.errors[name][j])
+            for fit, j, long in soils
+            if long and name in fit.values
+        ]
+        wrong = [value for value, error in there if value < -CERTAIN * np.nan_to_num(error)]
+        if wrong:
+            yield (
+                f"{called} gives a {what} of {min(wrong) * factor:.2g}{unit} in {len(wrong)} of "
+                f"{counted(len(soils), 'soil')}, which is physically impossible: {missing}, "
+                "or load, torque or sinkage is measured wrongly"
+            )
 
 
 def _without_findings(

@@ -341,7 +341,7 @@ def sentence_of(
     if shape.name == "saturating":
         text += f", most of it in the first {at}{',' * hidden}"
     if hidden:
-        text += " would fit better; the fitted soil hides most of it"
+        text += " would fit better; the fitted model hides most of it"
     if alternatives:
         others = [quantity(other, "").words for other in alternatives]
         text += f" (or with {listed(others, 'or')}, which varied alike)"
@@ -361,10 +361,11 @@ def _where(shape: Shape, driver: str, label: str, numbers: tuple[str, str, str, 
     return told.get(shape.name, "")
 
 
-def missed(channel: str, error: float) -> str:
-    """Say by how much a channel is missed: `error` is held out, root mean square, in SI."""
+def missed(channel: str, error: float, ratio: float) -> str:
+    """Say by how much a channel is missed: its held-out error, root mean square, in SI and over its noise."""
     what = quantity(channel, UNITS[channel])
-    return f"the held-out error of {what.words} is {_number(error * what.factor)} {what.unit}"
+    size = f"{_number(error * what.factor)} {what.unit}"
+    return f"the held-out error of {what.words} is {size}, {_number(ratio)} × its noise"
 
 
 def _at(value: float, driver: str, unit: str) -> str:

@@ -98,21 +98,23 @@ def of_stretches(driver: str, values: Array, segments: Index) -> list[Shape]:
     """List stretches between the first and the last value in which a residual may differ from the others.
 
     They are those between any two of the steps of `of_number` that are not far apart, and the segments.
+    Where a segment begins may also be a step: a zero that jumps cuts a drive as another soil does.
     """
     known = np.isfinite(values)
     first, last = np.quantile(values[known], _THRESHOLDS[[0, -1]]) if known.any() else (0.0, 0.0)
     edges = np.quantile(values[known], _THRESHOLDS) if last > first else np.zeros(0)
     pairs = [(low, high) for j, low in enumerate(edges) for high in edges[j + 1 : j + 1 + _LONGEST_STRETCH]]
-    for segment in np.unique(segments[known]) if last > first else ():
-        inside = values[known & (segments == segment)]
-        pairs.append((inside.min(), inside.max()))
+    each = [values[known & (segments == one)] for one in np.unique(segments[known])] if last > first else []
+    spans = [(inside.min(), inside.max()) for inside in each]
     whole = values[known].min(initial=np.inf), values[known].max(initial=-np.inf)
-    shape = partial(Shape, driver=driver, name="stretch")
-    return [
-        shape(at=float(low), until=float(high))
-        for low, high in dict.fromkeys(pairs)
-        if whole[0] < low < high < whole[1]
+    steps = [
+        values[known & (values < low)].max() for low in sorted({low for low, _ in spans}) if low > whole[0]
     ]
+    return [
+        Shape(driver=driver, name="stretch", at=float(low), until=float(high))
+        for low, high in dict.fromkeys([*pairs, *spans])
+        if whole[0] < low < high < whole[1]
+    ] + [Shape(driver=driver, name="step", at=float(at)) for at in steps]
 
 
 def of_label(driver: str, codes: Array) -> list[Shape]:

@@ -99,6 +99,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     leaves = first is not None and leaves_much(found, first.heldout, noise)
     settled = first is not None and first.settles and not leaves
     likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
+    taken = [share_taken(found, one, noise) for one in found.candidates if one.effect in family]
     # Nor is a drive worth while that only tells what explains it from what does not.
     drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     return Evidence(
@@ -111,10 +112,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         doubted=_doubted(found.comparison, settled=settled),
         verdict=found.verdict,
         family=family,
-        share=max(
-            (share_taken(found, one, noise) for one in found.candidates if one.effect in family),
-            default=math.nan,
-        ),
+        share=max(taken, default=law.explained if law and not law.begins else math.nan),
         leaves=leaves,
         closest=max(likely)[1] if likely else "",
         together=found.together,
@@ -240,7 +238,7 @@ def _unexplained(
 ) -> Conclusion:
     size = _size(above) if above else _not_random(known)
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
-    command = ""
+    command, elsewhere = "", _in_a_stretch(found, asked)
     # Who has diagnosed it, now or in the loop that ended, knows that nothing is left to try.
     diagnosed = found.verdict is not None or (found.ended and bool(found.refused))
     if diagnosed and _refused(found) and known and not above:
@@ -262,6 +260,8 @@ def _unexplained(
     elif found.closest and found.closest not in found.refused:
         why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
         command = asked.added((found.closest,))
+    elif elsewhere and not few:
+        why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
         why = "nothing that was recorded explains it beyond chance"
         if found.tracked:

@@ -15,7 +15,6 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.telemetry.long_logs import notes
-from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows import joined_inputs
 
 if TYPE_CHECKING:
@@ -30,13 +29,6 @@ if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
     from terrain_cli.vocabulary.arrays import Index
     from terrain_cli.windows.cut_windows import Windows
-
-
-#: Parameters of the soil that are never negative: what they are called, and how they are shown.
-_SOIL: tuple[tuple[str, str, Callable[[float], float], str], ...] = (
-    ("cohesion", "cohesion", lambda one: one / 1e3, "kPa"),
-    ("tan_phi", "friction angle", lambda one: float(np.degrees(np.arctan(one))), "°"),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +85,6 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
         not_testable = [*not_testable, *alike]
     comparison = replace(
         comparison,
-        warnings=[*comparison.warnings, *_impossible(chosen.wheels)],
         refused=models.refused(
             case.file,
             [one.samples.source for one in wheels],
@@ -108,25 +99,6 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
         not_testable=list(not_testable),
         soils_are_better=instead is not None and not instead.as_good,
     )
-
-
-def _impossible(wheels: Sequence[FittedWheel]) -> list[str]:
-    """Say where the model, as it is, has a cohesion or friction angle clearly below nought."""
-    told = []
-    for name, called, shown, unit in _SOIL:
-        found = [
-            (wheel.fit.values[name], wheel.fit.errors[name]) for wheel in wheels if name in wheel.fit.values
-        ]
-        value, se = (np.concatenate(one) for one in zip(*found, strict=True)) if found else (np.zeros(0),) * 2
-        wrong = np.flatnonzero(value < -criteria.BETTER * np.nan_to_num(se))
-        if len(wrong):
-            least = wrong[np.argmin(value[wrong])]
-            told.append(
-                f"the model as it is gives a {called} of {shown(value[least]):.2g} {unit} in {len(wrong)} of "
-                f"{counted(len(value), 'soil')}, which is physically impossible: an effect is missing, "
-                "or load, torque or sinkage is measured wrongly"
-            )
-    return told
 
 
 def scores(case: Case, log: DiagnosedLog) -> DiagnosedLog:

@@ -146,6 +146,11 @@ class UnknownEffect:
     draft: str  # A TOML file of an effect that `model add` takes
     alternatives: tuple[str, ...] = ()  # Drivers of which this one is a function
 
+    @property
+    def begins(self) -> bool:
+        """Whether it is that something began at some time, and stays."""
+        return (self.driver, self.form) == ("time", "step")
+
 
 @dataclass(frozen=True)
 class NextDrive:
@@ -256,7 +261,7 @@ class Evidence:
     doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
-    share: float = math.nan  # Of the misfit, that any of them explains at the most
+    share: float = math.nan  # Of the misfit, that any of them, or else a law, explains at the most
     leaves: bool = False  # The best of them leaves much of an error, beyond the noise
     closest: str = ""  # Where the alarm is silent: an effect that explains most, by chance or not
     together: tuple[str, ...] = ()  # Two that belong together

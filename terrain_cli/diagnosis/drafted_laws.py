@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import shapes
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
@@ -43,7 +44,7 @@ _NO_CAUSE = frozenset({"torque", "drawbar_pull"})
 #: Place and clock stand for something else: a drifting sensor, a tether, a soil that varies.
 ALONG = frozenset({"time", "x", "y", "elevation", "longitude", "latitude"})
 #: Shapes, the plainest first.
-FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "periodic")
+FORMS = ("constant", "linear", "gain", "magnitude", "quadratic", "saturating", "step", "periodic")
 ANGLE = "wheel_angle"
 _ACCELERATION, _SLOPE = "acceleration", "velocity_rate"
 #: How large a law of a quantity may well be: at least this, or this part of what was measured.
@@ -53,6 +54,8 @@ _PART = 0.1
 _OF_SOIL = 0.2
 #: Part of a driver's range at which a saturating law has most of its effect.
 _BEND = 0.3
+#: Values of a driver at which a step is tried.
+_PLACES = 81
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ class Draft:
     def in_words(self, same: Sequence[str] = (), form: str = "") -> str:
         """Say what is off, and what it follows; to these data drivers in `same` are no others."""
         what = self.changes if self.changes in SENSED else f"the soil's {self.changes}"
+        if self.form == "gain":
+            what, form = f"the gain of {what}", form and "linear"
         if self.of_sensor:
             told = f"{what} is off by a constant{' and a factor' * bool(self.driver)}"
         else:
@@ -109,38 +114,53 @@ def drivers(wheel: FittedWheel) -> dict[str, Array]:
 
 
 def screen(
-    wheel: FittedWheel, values: Mapping[str, Array], channels: Mapping[str, Array], rows: Index
+    wheel: FittedWheel,
+    values: Mapping[str, Array],
+    channels: Mapping[str, Array],
+    rows: Index,
+    steps: Mapping[str, float],
 ) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
     """Yield the signatures of all drafts without writing them.
 
     What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves: tables by channel, shape
-    (n, columns). `values` are the drivers' at the rows.
+    (n, columns). `values` are the drivers' at the rows, `steps` the values at which a step of each is tried.
     """
     shown = [name for name in SHOWN if name in wheel.measured]
     read = [name for name in _READ if name in channels]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
     for changes in (*shown, *read, *inner):
-        law = f"{changes} + a" if changes in SENSED else f"{changes} * (1 + a)"
-        unit = QUANTITIES[changes] if changes in SENSED else "1"
-        effect = effect_file.parse(_text("probe", "probe", changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
-        found = next(iter(signatures.of_effects(wheel, [effect], channels, rows)))
+        offset, gain = f"{changes} + a", f"{changes} * (1 + a)"
+        probes = {"gain": ("1", gain)}
         if changes in SENSED:
-            yield changes, "", "constant", found.tables
+            probes["offset"] = QUANTITIES[changes], offset
+        effects = [
+            effect_file.parse(_text(f"probe-{name}", name, changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
+            for name, (unit, law) in probes.items()
+        ]
+        found = [one.tables for one in signatures.of_effects(wheel, effects, channels, rows)]
+        of_gain, of_offset = found[0], found[-1]
+        if changes in SENSED:
+            yield changes, "", "constant", of_offset
         for driver, column in values.items():
-            for form in _forms(changes, driver, column):
-                shapes = _shapes(form, column, own_offset=changes in SENSED)
-                if shapes is not None:
-                    shapes = np.nan_to_num(shapes)
-                    yield changes, driver, form, {c: t * shapes for c, t in found.tables.items()}
+            for form in forms(changes, driver, column):
+                shape = _shapes(form, column, steps[driver], own_offset=changes in SENSED)
+                if shape is not None:
+                    shape = np.nan_to_num(shape)
+                    tables = of_gain if form == "gain" else of_offset
+                    yield changes, driver, form, {c: t * shape for c, t in tables.items()}
 
 
-def _forms(changes: str, driver: str, column: Array) -> Sequence[str]:
+def forms(changes: str, driver: str, column: Array) -> Sequence[str]:
     """Name the forms in which a quantity may follow a driver."""
     if changes in _READ or driver == changes:
         return ("linear",) if driver == changes and changes in _READ else ()
     if driver == ANGLE:
         return ("periodic",) if changes in SHOWN else ()
-    return ("step",) if _on_or_off(column) else FORMS[1:-1]
+    if _on_or_off(column):
+        return ("step",)
+    # Heat or a supply voltage changes the gain of a sensor; what a wheel does, no sensor follows.
+    gain = changes in SHOWN and is_column(driver)
+    return [form for form in FORMS[1:-1] if gain or form != "gain"]
 
 
 def _on_or_off(column: Array) -> bool:
@@ -149,14 +169,14 @@ def _on_or_off(column: Array) -> bool:
     return bool(high > low and np.isin(column[np.isfinite(column)], (low, high)).all())
 
 
-def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
+def _shapes(form: str, column: Array, at: float, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
     """Return the columns of a shape: with a constant where the law has an offset of its own."""
     low, high = (float(v) for v in np.nanquantile(column, [0.02, 0.98]))
     one = np.ones_like(column)
     size = _size(column)
     if form == "periodic":
         return np.stack([np.sin(column), np.cos(column)], axis=1)
-    if form == "linear":
+    if form in ("linear", "gain"):
         return np.stack([column / size, one], axis=1) if own_offset else (column / size)[:, None]
     if form == "magnitude":
         return (np.abs(column) / size)[:, None] if low < 0.0 < high else None
@@ -171,7 +191,6 @@ def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # n
             return None
         return np.tanh(column / (_BEND * size))[:, None]
     if form == "step":
-        at = _threshold(column)
         return np.where(column > at, 1.0, 0.0)[:, None] if high > low else None
     return one[:, None]
 
@@ -212,21 +231,41 @@ def usual(changes: str, measured: Array) -> float:
     return max(_USUAL[changes], _PART * size)
 
 
-def _threshold(column: Array) -> float:
-    """Return where a step is: between the two levels of a flag, else at the middle of the values."""
-    known = column[np.isfinite(column)]
-    levels = np.unique(known)
-    if len(levels) <= 3:
-        return float(0.5 * (levels[0] + levels[1])) if len(levels) > 1 else float(levels[0])
-    return float(np.median(known))
+def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
+    """Return above which value of a driver the residuals of some samples differ most from the others."""
+    column = readable(wheel)[driver].values[rows]
+    levels = np.unique(column[np.isfinite(column)])
+    if len(levels) <= _PLACES:
+        places = 0.5 * (levels[1:] + levels[:-1])
+    else:
+        places = np.nanquantile(column, np.linspace(0.1, 0.9, _PLACES))
+    if driver == "time":
+        found = shapes.of_stretches(driver, column, wheel.segment[rows])
+        places = np.append(places, [one.at for one in found if one.name == "step"])
+    residuals = [own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()]
+
+    def taken(at: float) -> float:
+        above = column > at
+        sums = [np.nansum(own[above]) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals]
+        return float(sum(sums)) / max(float(np.mean(above)) * float(np.mean(~above)), 1e-12)
+
+    return max(map(float, places), key=taken, default=0.0)
 
 
 def write(  # noqa: C901, PLR0915 - one branch for each form
-    changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
+    changes: str,
+    driver: str,
+    form: str,
+    column: Array | None,
+    unit: str = "",
+    *,
+    usual: float,
+    step: float = 0.0,
 ) -> Draft | None:
-    """Write a draft of some usual size; None where the units of the driver do not allow the form."""
+    """Write a draft of some size, a step there; None where the units of the driver do not allow the form."""
     shown = changes in SENSED
-    own = QUANTITIES[changes] if shown else "1"
+    own = QUANTITIES[changes] if shown and form != "gain" else "1"
+    usual = _PART if form == "gain" else usual
     of = _unit(driver, unit)
     divisor = of if of.isalpha() else f"({of})"
     per = own if of in ("", "1") else f"{own}/{divisor}"
@@ -238,7 +277,7 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
     bounds: dict[str, tuple[float, float]] = {}
     if form == "constant":
         term, parameters["a"] = "a", (own, 0.0, usual)
-    elif form == "linear":
+    elif form in ("linear", "gain"):
         term, parameters["a"] = f"a * {read}", (per, 0.0, usual / size)
         if shown and column is not None:
             # Of what is never near 0 the slope and the offset are large, and nearly cancel.
@@ -264,12 +303,10 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
         parameters["a"] = (own, 0.0, usual)
         parameters["s"] = (of or "1", _rounded(_BEND * size), _BEND * size)
     else:
-        assert column is not None  # noqa: S101 - a step is of a driver
-        at = _rounded(_threshold(column)) or 1e-12
         term = f"a * where({read} > at, 1, 0)"
         parameters["a"] = (own, 0.0, usual)
-        parameters["at"] = (of or "1", at, 0.01 * size)
-    law = f"{changes} + {term}" if shown else f"{changes} * (1 + {term})"
+        parameters["at"] = (of or "1", float(f"{step:.6g}") or 1e-12, 0.01 * size)
+    law = f"{changes} + {term}" if shown and form != "gain" else f"{changes} * (1 + {term})"
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
     does = f"follows {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"

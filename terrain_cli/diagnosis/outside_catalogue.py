@@ -50,6 +50,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
     progress("drafting laws")
     ranked: dict[tuple[str, str, str], float] = {}
     columns: dict[str, Array] = {}
+    steps: dict[str, float] = {}
     for wheel in data.wheels:
         rows = np.arange(0, len(wheel), max(1, len(wheel) * len(data.wheels) // _MOST))
         known = signatures.evidence(wheel, rows)
@@ -57,9 +58,12 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             name: known.channels[name] if name in INTERPOLATED and name in known.channels else column[rows]
             for name, column in drafted_laws.drivers(wheel).items()
         }
+        for driver in values:
+            if driver not in steps:
+                steps[driver] = drafted_laws.step_of(wheel, driver, rows)
         # What a law takes off is the same however the samples are cut into blocks.
         one_block = np.zeros(len(rows), dtype=np.intp)
-        screened = drafted_laws.screen(wheel, values, known.channels, rows)
+        screened = drafted_laws.screen(wheel, values, known.channels, rows, steps)
         for changes, drafts in groupby(screened, key=itemgetter(0)):
             several = [(draft[1:3], _whitened(known, draft[3])) for draft in drafts]
             tables = np.concatenate([table for _, table in several], axis=2)
@@ -69,15 +73,17 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
                 width = table.shape[2]
                 _, _, gain = found.fit(np.arange(first, first + width))
                 key = (changes, driver, form)
-                ranked[key] = ranked.get(key, 0.0) + gain - criteria.FURTHER_PARAMETER * width
+                # Where a step is was chosen too.
+                chosen = width + (form == "step")
+                ranked[key] = ranked.get(key, 0.0) + gain - criteria.FURTHER_PARAMETER * chosen
                 first += width
         for driver, column in values.items():
             columns.setdefault(driver, column)
     written: list[tuple[Draft, Hypothesis, list[dict[str, Array]]]] = []
     for changes, driver, form in _varied(ranked):
-        draft = drafted_laws.write(
-            changes, driver, form, columns.get(driver), _unit(data, driver), usual=_usual(data, changes)
-        )
+        size, step = _usual(data, changes), steps.get(driver, 0.0)
+        unit = _unit(data, driver)
+        draft = drafted_laws.write(changes, driver, form, columns.get(driver), unit, usual=size, step=step)
         if draft is None or catalogues.conflict(data.wheels[0].model, draft.effect):
             continue
         model = data.wheels[0].model

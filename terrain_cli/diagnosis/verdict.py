@@ -190,7 +190,10 @@ def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection
         least = 1.0 + criteria.STANDS_OUT * (ratios[most] - 1.0)
         there = [one for one in failures if ratios.get(one.channel, math.inf) >= least]
         told = [one for one in there if one is first or one.share >= criteria.TOLD]
-    sentence = told[0].sentence if told else missed(most, diagnosis.comparison.channels[most].heldout_rmse)
+    if told:
+        sentence = told[0].sentence
+    else:
+        sentence = missed(most, diagnosis.comparison.channels[most].heldout_rmse, ratios[most])
     return f"{sentence[0].upper()}{sentence[1:]}. "
 
 

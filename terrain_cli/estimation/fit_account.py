@@ -25,6 +25,8 @@ _SHOWN = (
     ("stiffness", "keq", "_kPa_per_m_n", 1e-3),
     ("sinkage_exponent", "n", "", 1.0),
 )
+#: Quantities whose laws say of what c and φ are the values: of which speed, stress or pass.
+_OF_STRENGTH = {"cohesion", "tan_phi", "shear_stress"}
 _PAIR, _UNITS = ("cohesion", "tan_phi"), ("Pa", "1")
 
 
@@ -38,6 +40,11 @@ def account(
         "base": file.model.base,
         "effects": [effect.id for effect in file.model.effects],
         "parameters": {name: _parameter(name, file, fit, held, because.get(name)) for name in names},
+        "strength": {
+            effect.id: " ".join(effect.formula.split())
+            for effect in file.model.effects
+            if not _OF_STRENGTH.isdisjoint(effect.laws)
+        },
         "noise": _noise_account(windows, fit),
         "missed": int(np.count_nonzero(fit.missed)),
         "moved": int(np.count_nonzero(fit.moved & ~fit.missed)),

@@ -229,7 +229,7 @@ def _off_too(comparison: Comparison) -> Iterator[str]:
         are = "is" if len(off) == 1 else "are"
         share = sum(finding.share for finding in comparison.failures)
         yield (
-            f"  {listed(off)} {are} off too: the fitted soil spreads what is wrong in one channel over the "
+            f"  {listed(off)} {are} off too: the fitted model spreads what is wrong in one channel over the "
             f"others. The findings account for {min(share, 1.0):.0%} of the misfit of all channels"
         )
 

@@ -125,7 +125,7 @@ def _addition(name: str, table: Table) -> str:
     strength, error = (np.asarray(table[column], dtype=float)[rows] for column in _MAPPED)
     known = error <= _KNOWN * strength
     if known.all():
-        return "; the strength holds"
+        return "; the strength holds within its error"
     return (
         "; the strength holds where its error is small"
         if known.any()
@@ -151,6 +151,7 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             "    fitted too, as data did not tell it from an effect of the model (see its history): "
             + ", ".join(model["rivals"])
         )
+    lines += [f"    c and φ are as in the law of {name}: {law}" for name, law in model["strength"].items()]
     told = ((counted(model[key], "segment"), text) for key, text in _TOLD.items() if model.get(key))
     return lines + [f"    {text.format(where)}" for where, text in told]
 

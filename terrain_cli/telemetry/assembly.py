@@ -18,7 +18,7 @@ from terrain_cli.telemetry import (
 )
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.unit_doubts import UnitEvidence
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Raw, Samples, match_name
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Plan, Raw, Samples, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 from terrain_cli.vocabulary.quantities import PREDICTED
@@ -115,8 +115,11 @@ def check(request: Request, raws: Sequence[Raw]) -> None:
     if request.compared:
         # A model predicts what is there: any one of these will do.
         for raw in raws:
-            measured = not raw.channels.keys().isdisjoint(PREDICTED)
-            lacks[raw.wheel] = [k for k in lacks[raw.wheel] if not (measured and k.what in PREDICTED)]
+            if raw.channels.keys().isdisjoint(PREDICTED):
+                continue
+            absent = [lack for lack in lacks[raw.wheel] if lack.what in PREDICTED]
+            lacks[raw.wheel] = [lack for lack in lacks[raw.wheel] if lack not in absent]
+            raw.remarks += map(Notice, rover_advice.not_compared(layout, raw.wheel, absent))
     if any(lacks.values()):
         raise _cannot_give(layout, lacks, rover, compared=request.compared)
     lacks = {raw.wheel: effect_inputs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}

@@ -218,6 +218,20 @@ def pull(plan: Plan, wheel: str, channels: Collection[str]) -> list[str]:
     return [f"no drawbar pull is read; if {_some(list(found))} is one, {line}" for line in lines][:1]
 
 
+def not_compared(plan: Plan, wheel: str, absent: Sequence[Lack]) -> list[str]:
+    """Say what a model would predict and nothing gives, where the log has something that may be it."""
+    told = []
+    for lack in absent:
+        reason = because(plan, wheel, lack)
+        if reason.startswith(NOWHERE) and not plan.extras:
+            continue
+        columns = f" (columns that are left: {_some(plan.extras)})" * bool(plan.extras)
+        line = " ".join(lines(plan, {wheel: [lack]}).splitlines()[:2])
+        then = f"if it was measured, write into rover.toml: {line}"
+        told.append(f"{lack.what} is not compared: {reason}{columns}; {then}")
+    return told
+
+
 def header(plan: Plan, wheel: str, channel: str) -> str:
     """Name the table of rover.toml in which a channel of a wheel stands."""
     own = len(plan.wheels) > 1 and wheel in plan.wheels and channel in OF_WHEELS

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from known_misfits import MISFITS, Kind, compare, samples_of, windows_of
 from formats import Labels
 from terrain_cli import effects
 from terrain_cli.comparison import against, comparison_criteria
+from terrain_cli.comparison import compare as comparing
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.cut_windows import Windows, cut
@@ -130,6 +132,18 @@ def test_a_step_with_time_has_no_end():
     assert replace(found, failures=[told]).stretch is None
 
 
+def test_a_zero_that_jumps_is_told_at_the_time_at_which_it_does():
+    """The steps tried of any number are tenths of it; where the drive was cut is known to the sample."""
+    samples = samples_of(1, Kind())
+    channels = {name: values for name, values in samples.channels.items() if name not in {"x", "y"}}
+    jump = float(samples.time[np.searchsorted(samples.time, 0.55 * samples.time[-1])])
+    channels["torque"] = channels["torque"] + np.where(samples.time >= jump, 0.6, 0.0)
+    found = compare([cut(replace(samples, channels=channels), "auto")], Model())
+    first = found.failures[0]
+    assert (first.channel, first.driver, first.shape) == ("torque", "time", "step")
+    assert first.at == pytest.approx(jump, abs=1.0)
+
+
 def test_a_value_held_that_is_impossible_under_this_wheel_is_noted(clean):
     wheels, model = [one.windows for one in clean.wheels], Model(effects=(effects.find("load-bias"),))
     gain = {"load-bias.gain": 1.0}
@@ -137,6 +151,19 @@ def test_a_value_held_that_is_impossible_under_this_wheel_is_noted(clean):
     said = compare(wheels, model, fixed={**gain, "load-bias.offset": 1500.0}).warnings[-1]
     beyond = "load-bias.offset is held at 1500 N; under such a wheel it is from -1000 to 1000 N"
     assert said == f"drive 1: the wheel: {beyond}"
+
+
+def test_a_soil_below_nought_is_noted_where_there_are_blocks_enough():
+    """Of a few seconds the errors of a fit tell too little."""
+    values, errors = np.array([-5e3, -9e3]), np.array([1e3, 1e3])
+    wheel = SimpleNamespace(
+        model=Model(),
+        fit=SimpleNamespace(values={"cohesion": values}, errors={"cohesion": errors}),
+        window=np.repeat([0, 1], [80, 20]),
+        windows=[0, 1],
+    )
+    (told,) = comparing._impossible_soils([wheel], [np.arange(100) // 10])
+    assert told.startswith("wong-reece gives a cohesion of -5 kPa in 1 of 2 soils")
 
 
 def test_two_models_are_compared_on_the_same_blocks(clean):

@@ -83,7 +83,7 @@ def test_of_what_the_soil_hides_no_error_is_claimed_that_the_table_does_not_show
     text = sentence_of("torque", shape, amplitude, "", ("time",), "1", 0.1)
     assert (
         text
-        == f"{begins} would fit better; the fitted soil hides most of it (or with time, which varied alike)"
+        == f"{begins} would fit better; the fitted model hides most of it (or with time, which varied alike)"
     )
     assert "hides" not in sentence_of("torque", shape, amplitude, "", (), "1", 0.5)
 

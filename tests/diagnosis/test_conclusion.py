@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from terrain_cli.diagnosis.conclusion import Evidence, conclude, of_comparison, of_diagnosis
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, NextDrive
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, NextDrive, UnknownEffect
 from terrain_cli.models import Refused
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
@@ -445,6 +445,33 @@ def test_a_step_with_time_is_told_once_no_effect_explains_it():
     assert conclude(evidence(OFF, **steps, **named), ASKED).command.startswith(NEW + "multi-pass")
 
 
+@pytest.mark.parametrize("verdict", [None, "none"])
+def test_a_stretch_is_told_too_where_a_diagnosis_finds_no_effect(verdict):
+    told = conclude(evidence(OFF, **{**STRETCH, "raised": verdict is None}, verdict=verdict), ASKED)
+    assert "most of all from 40 s to 59.95 s: see what happened then" in told.sentence
+    assert told.command.endswith("--where 'time < 40 or time > 59.95'")
+
+
+@pytest.mark.parametrize(
+    ("driver", "form", "explained", "command"),
+    [
+        ("time", "saturating", 0.99, LOOK + " --draft law.toml"),
+        ("board V", "step", 0.99, LOOK + " --draft law.toml"),
+        ("board V", "step", 0.3, "terrain-est compare 'a run.csv' --segments none --where 'time < 40'"),
+        ("time", "step", 0.99, "terrain-est compare 'a run.csv' --segments none --where 'time < 40'"),
+    ],
+)
+def test_a_law_that_explains_most_is_more_than_a_stretch_unless_it_is_that_stretch(
+    driver, form, explained, command
+):
+    """What drifts is off most of all at one end: to leave out half of a log again and again ends nowhere."""
+    law = UnknownEffect(
+        channel="sinkage", driver=driver, form=form, explained=explained, law="", sentence="", draft=""
+    )
+    found = diagnosis(verdict="unknown", family=(), unknown=law, stretch=(40.0, math.inf))
+    assert conclude(of_diagnosis(found), ASKED).command == command
+
+
 def test_an_effect_that_explains_most_is_more_than_a_stretch():
     named = {"verdict": "effect", "family": ("slope",), "share": 0.9}
     assert conclude(evidence(OFF, **STRETCH, **named), ASKED).command.startswith(NEW + "slope")
@@ -522,18 +549,28 @@ def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amp
     assert of_comparison(found).raised is raised
 
 
+def diagnosis(*, stretch=None, **known):
+    torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
+    usual = {
+        "alarm": SimpleNamespace(raised=True, small=False),
+        "unknown": None,
+        "together": (),
+        "together_or": (),
+        "candidates": [],
+        "next_drive": [],
+        "unrecorded": (),
+        "heldout": {},
+        "soils": 0,
+    }
+    return SimpleNamespace(comparison=compared_to({"torque": torque}, stretch=stretch), **{**usual, **known})
+
+
 def test_effects_of_a_doubtful_size_explain_nothing():
     names = ("slope", "crust", "hardpan")
     doubts = ("", "at its bound", "")
-    torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
-    found = SimpleNamespace(
-        comparison=compared_to({"torque": torque}),
-        alarm=SimpleNamespace(raised=True, small=False),
+    found = diagnosis(
         verdict="family",
-        unknown=None,
         family=names,
-        together=(),
-        together_or=(),
         candidates=[
             SimpleNamespace(
                 effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.6}, noise={}, settles=False
@@ -544,9 +581,6 @@ def test_effects_of_a_doubtful_size_explain_nothing():
             NextDrive(("slope", "crust"), "drive over firm ground", 0.9, settings={"part": []}),
             NextDrive(("slope", "hardpan"), "no drive tells", 0.1, check="weigh it"),
         ],
-        unrecorded=(),
-        heldout={},
-        soils=0,
     )
     evidence = of_diagnosis(found)
     assert evidence.family == ("slope", "hardpan")

@@ -87,6 +87,41 @@ def test_a_law_with_its_least_in_the_middle_of_a_driver_far_from_zero_is_drafted
     assert (middle["lower"], middle["upper"]) == pytest.approx((lowest, highest), rel=1e-3)
 
 
+def test_a_gain_that_follows_a_column_is_drafted_as_one():
+    """A motor's torque constant, or the amplifier of a cell, that changes with the supply voltage."""
+    (windows,) = windows_of(81, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    voltage = 26.0 + 2.0 * np.sin(2.0 * np.pi * samples.time / 13.0)
+    torque = samples.channels["torque"] * (1.0 + 0.06 * (voltage - 28.0))
+    channels = {**samples.channels, "supply": voltage, "torque": torque}
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert found.verdict == "unknown"
+    assert (found.unknown.channel, found.unknown.driver, found.unknown.form) == ("torque", "supply", "gain")
+    assert "the gain of torque follows supply (linear), which" in found.sentence
+    assert tomllib.loads(found.unknown.draft)["law"] == "torque * (1 + a * supply + b)"
+
+
+def test_a_step_is_drafted_where_it_is():
+    """An amplifier that is off above some temperature, which is not the median of a drive."""
+    (windows,) = windows_of(82, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    heat = 30.0 + 6.0 * np.sin(2.0 * np.pi * samples.time / 13.0)
+    pull = samples.channels["drawbar_pull"] - np.where(heat > 33.0, 6.0, 0.0)
+    channels = {**samples.channels, "board": heat, "drawbar_pull": pull}
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert found.verdict == "unknown"
+    assert (found.unknown.channel, found.unknown.driver) == ("drawbar_pull", "board")
+    assert found.unknown.form == "step"
+    assert tomllib.loads(found.unknown.draft)["parameters"]["at"]["null"] == pytest.approx(33.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("driver", "drafted"), [("supply", True), ("velocity", False), ("slip", False)])
+def test_no_gain_follows_what_the_wheel_does(driver, drafted):
+    column = np.linspace(0.1, 0.9, 50)
+    assert ("gain" in drafted_laws.forms("torque", driver, column)) is drafted
+    assert "gain" not in drafted_laws.forms("tan_phi", driver, column)
+
+
 def test_what_follows_the_time_is_told_with_its_other_cause():
     """A tether that pulls more and more, or a soil that varies along the drive."""
     (windows,) = windows_of(79, Kind(seconds=64.0, rate=10.0))

@@ -373,19 +373,20 @@ def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
     """A motor that helps the wheel looks like soil that pushes it."""
     every = list(effects.catalogue().values())
 
-    def told(hidden):
-        case = diagnosed_log.Case(
-            file=ModelFile(model=Model()), effects=every, seed=0, progress=lambda _: None
-        )
-        return [
-            w
-            for w in diagnosed_log.soils(case, windows_of(21, hidden)).comparison.warnings
-            if "physically impossible" in w
-        ]
+    def told(hidden, *known):
+        file = ModelFile(model=Model(effects=tuple(map(effects.find, known))))
+        case = diagnosed_log.Case(file=file, effects=every, seed=0, progress=lambda _: None)
+        found = diagnosed_log.soils(case, windows_of(21, hidden)).comparison
+        return [one for one in found.warnings if "physically impossible" in one]
 
-    (warning,) = told(Kind({"drivetrain-friction": {"Tc": -1.5}}, seconds=40.0))
+    helps = Kind({"drivetrain-friction": {"Tc": -1.5}}, seconds=40.0)
+    (warning,) = told(helps)
     assert warning.startswith(
-        "the model as it is gives a cohesion of -9 kPa in 1 of 1 soil, which is physically impossible"
+        "wong-reece gives a cohesion of -9 kPa in 1 of 1 soil, which is physically impossible: "
+        "an effect is missing"
     )
     assert "measured wrongly" in warning
+    (warning,) = told(helps, "acceleration-torque")
+    assert warning.startswith("wong-reece + acceleration-torque gives a cohesion of -9.5 kPa in 1 of 1 soil")
+    assert "an effect is wrong or missing" in warning
     assert told(Kind(seconds=40.0)) == []

@@ -42,7 +42,8 @@ def said(heldout, *failures, changed=()):
 
 def test_a_misfit_that_the_soil_moved_to_another_channel_is_told_where_it_is():
     findings = found("sinkage", THROUGHOUT, 0.93), found("drawbar_pull", ALONG_SLIP, 0.04)
-    assert said((0.42, 12.9, 6.1e-4), *findings) == "The held-out error of drawbar pull is 13 N."
+    told = "The held-out error of drawbar pull is 13 N, 3.7 × its noise."
+    assert said((0.42, 12.9, 6.1e-4), *findings) == told
 
 
 def test_a_finding_of_that_channel_is_told_where_it_is_much_of_the_misfit():

@@ -172,6 +172,9 @@ def test_track_of_places_that_do_not_move(comparison):
 def test_convergence(comparison):
     trace = segment_table.trace(comparison.wheels[0].windows)
     figure = drive_figures.convergence(trace)
+    # Its end is not the c of the full model, which stands in the other pictures.
+    told = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert told == ["± 1.96 s.e.", "recursive estimate of the line"]
     drawn(figure)
     assert [axes.get_ylabel() for axes in figure.axes] == ["cohesion c (kPa)", "friction angle φ (°)"]
     assert figure.axes[1].get_xlabel() == "sample"

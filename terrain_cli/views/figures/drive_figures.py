@@ -96,6 +96,8 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     place = np.asarray(trace.get("before", 0)) + _own(trace)
     # Rows now and then, of which one may stand alone.
     marker = "." if "sample" in trace else ""
+    # Beside pictures of the full model, whose estimate is another one.
+    drawn = "estimate" if marker else "recursive estimate of the line"
     for axes, (columns, label, widest), colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
         value, error = (np.asarray(trace[name], float) for name in columns)
         x, low, high, middle = (
@@ -106,7 +108,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
         # The band of a row that stands alone is as wide as its edge.
         edge = 2.0 if marker else 0.0
         axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=edge, label="± 1.96 s.e.")
-        axes.plot(x, middle, color=colour, label="estimate", marker=marker, markersize=3.0)
+        axes.plot(x, middle, color=colour, label=drawn, marker=marker, markersize=3.0)
         if len(starts) <= MOST_LIMITS:
             _limits(axes, number, place, starts, name_them=axes is upper)
         _focus(axes, value, error, starts, widest)
