@@ -135,7 +135,7 @@ class TestDrafts:
     def run(self, told_of):
         def run(draft, *args, **options):
             law = {"law": "sinkage follows slip", "sentence": "Sinkage follows slip."}
-            unknown = SimpleNamespace(draft=draft, **law)
+            unknown = SimpleNamespace(draft=draft, begins=False, explained=0.9, **law)
             return told_of(*args, verdict="unknown", unknown=unknown, **options)
 
         return run

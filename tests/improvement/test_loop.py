@@ -215,7 +215,14 @@ def test_what_nature_does_not_have_is_not_kept_though_the_error_falls(sinks):
 
 def test_unknown_stops_without_a_place_for_a_draft(sinks):
     steps, end = run(
-        sinks, SimpleNamespace(law="torque follows yaw rate", draft="", sentence="sinkage follows slip")
+        sinks,
+        SimpleNamespace(
+            law="torque follows yaw rate",
+            draft="",
+            sentence="sinkage follows slip",
+            begins=False,
+            explained=0.9,
+        ),
     )
     assert (steps, end.silent) == ([], False)
     assert end.because == "sinkage follows slip; no draft was asked for"
