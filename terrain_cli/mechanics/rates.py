@@ -61,12 +61,13 @@ def rate(
     return _lines(time, stretch, values, reach or _telling(time, stretch, values, least))[1]
 
 
-def mean_rates(time: Array, stretch: Index, values: Array) -> Array:
-    """Return the mean rate of a channel over each of `LEADS` after every sample, shape (n, leads).
+def mean_rates(time: Array, stretch: Index, values: Array, *, reach: int | None = None) -> Array:
+    """Return the rate of a channel, and its mean over each of `LEADS` after every sample, (n, 1 + leads).
 
-    It is that between the lines of `rate` at both ends; up to the end of the stretch, where that comes first.
+    The mean is that between the lines of `rate` at both ends; up to the end of the stretch, where that comes
+    first.
     """
-    reach = _telling(time, stretch, values, 0)
+    reach = reach or _telling(time, stretch, values, 0)
     level, slope = _lines(time, stretch, values, reach)
     # A line cuts off what bends, in proportion to reach (reach + 1): so much less than one twice as long.
     longer, _ = _lines(time, stretch, values, 2 * reach)
@@ -81,10 +82,11 @@ def mean_rates(time: Array, stretch: Index, values: Array) -> Array:
     later = np.minimum(clock[:, None] + LEADS, clock[last][number][:, None])
     ahead = later - clock[:, None]
     if not known.any():
-        return np.full(later.shape, np.nan)
+        return np.full((len(time), 1 + len(LEADS)), np.nan)
     risen = np.interp(later, clock[known], level[known]) - level[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(ahead > 0.0, risen / ahead, slope[:, None]))
+        means = np.where(ahead > 0.0, risen / ahead, slope[:, None])
+    return np.concatenate([slope[:, None], means], axis=1)
 
 
 def _telling(time: Array, stretch: Index, values: Array, least: int) -> int:

@@ -118,7 +118,9 @@ def _computed(
     result = {}
     needed = {name for effect in effects for name in effect.needs}
     means: dict[str, Array] = {}
-    for name in dict.fromkeys(name for effect in effects for name in effect.reads):
+    names = dict.fromkeys(name for effect in effects for name in effect.reads)
+    # Mean rates come with the rate itself.
+    for name in sorted(names, key=lambda name: not name.endswith(MEANS)):
         if not sources(name) or not known.keys() >= set(sources(name)):
             continue
         columns = [known[source][rows] for source in sources(name)]
@@ -142,11 +144,11 @@ def rate_of(
 ) -> Array:
     """Return the rate of a channel, or its mean rate over the next seconds, as the name of a need says.
 
-    `means` keeps the latter of every channel; `reach` is that of `rates.rate`.
+    `means` keeps both of every channel whose mean rates were asked for; `reach` is that of `rates.rate`.
     """
-    if not name.endswith(MEANS):
-        return rates.rate(time, stretch, values, reach=reach)
-    of, _, lead = name.rpartition("_")
+    of, _, lead = name.rpartition("_") if name.endswith(MEANS) else (name, "", "")
+    if lead and of not in means:
+        means[of] = rates.mean_rates(time, stretch, values, reach=reach)
     if of not in means:
-        means[of] = rates.mean_rates(time, stretch, values)
-    return means[of][:, rates.LEADS.index(float(lead))]
+        return rates.rate(time, stretch, values, reach=reach)
+    return means[of][:, 1 + rates.LEADS.index(float(lead)) if lead else 0]

@@ -265,7 +265,7 @@ def shown_by(time, shown):
     """Return the rate of a channel, and its mean rates over the next moments, as laws read them."""
     one = np.zeros(len(time), dtype=int)
     means = rates.mean_rates(time, one, shown)
-    named = {f"torque_rate_{lead:g}": means[:, k] for k, lead in enumerate(rates.LEADS)}
+    named = {f"torque_rate_{lead:g}": means[:, 1 + k] for k, lead in enumerate(rates.LEADS)}
     return {"torque_rate": rates.rate(time, one, shown), **named}
 
 

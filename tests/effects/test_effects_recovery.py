@@ -63,7 +63,7 @@ def measured(name, values):
     for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
         channels[f"{channel}_rate"] = rates.rate(time, stretch, channels[channel])
         means = rates.mean_rates(time, stretch, channels[channel])
-        channels |= {f"{channel}_rate_{lead:g}": means[:, k] for k, lead in enumerate(rates.LEADS)}
+        channels |= {f"{channel}_rate_{lead:g}": means[:, 1 + k] for k, lead in enumerate(rates.LEADS)}
     return channels
 
 

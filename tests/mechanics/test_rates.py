@@ -56,7 +56,10 @@ def test_stretches_are_no_neighbours():
 def test_mean_rates_are_those_of_a_parabola_and_end_with_their_stretch():
     time = np.arange(0.0, 6.0, 0.05)
     stretch = (time >= 3.0).astype(int)
-    means = rates.mean_rates(time, stretch, np.where(stretch, -time, time**2))
+    rate_now, means = np.split(
+        rates.mean_rates(time, stretch, np.where(stretch, -time, time**2)), [1], axis=1
+    )
+    np.testing.assert_array_equal(rate_now[:, 0], rate(time, stretch, np.where(stretch, -time, time**2)))
     inner = (time > 0.5) & (time < 1.2)
     for k, lead in enumerate(rates.LEADS):
         np.testing.assert_allclose(means[inner, k], 2.0 * time[inner] + lead, rtol=0.01)
