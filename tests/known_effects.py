@@ -172,7 +172,7 @@ KNOWN_EFFECTS = {
     ),
     "sensor-lag": KnownEffect(
         kind="sensor",
-        values={"torque_lag": 0.15, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.05},
+        values={"torque_lag": 0.15, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.05, "filtered": 0.0},
         found_within=0.05,
         signature=(SAME, DOWN, SAME),
         shown={"torque_lag": 0.2},

@@ -31,7 +31,7 @@ from simulator.effects import OnGround, forces_with, freeze
 from simulator.wheel import Moment
 
 from terrain_cli.effects import catalogue
-from terrain_cli.mechanics.rates import rate, rut_slope, wheel_angle
+from terrain_cli.mechanics.rates import LEADS, mean_rates, rate, rut_slope, wheel_angle
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(grouser_height=0.008, grouser_count=16)
@@ -93,6 +93,8 @@ def test_program_and_simulator_mean_the_same(name):
     one = np.zeros(len(columns["time"]))
     for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
         columns[f"{channel}_rate"] = rate(columns["time"], one, columns[channel])
+        means = mean_rates(columns["time"], one, columns[channel])
+        columns |= {f"{channel}_rate_{lead:g}": means[:, 1 + k] for k, lead in enumerate(LEADS)}
     # Of a small wheel, so that the lines through the rut are short.
     way = columns["sinkage"], columns["velocity"]
     columns["rut_slope"] = rut_slope(columns["time"], one, *way, radius=0.02)
@@ -177,7 +179,7 @@ def test_effects_that_cannot_be_are_errors():
     with pytest.raises(ValueError, match="load-bias has no form other"):
         freeze({"load-bias": {"form": "other"}})
     with pytest.raises(ValueError, match="never early"):
-        log_of({"sensor-lag": {"torque_lag": -0.1}})
+        log_of({"sensor-lag": {"torque_lag": -0.1, "filtered": 1.0}})
 
 
 @pytest.mark.parametrize(
@@ -277,9 +279,9 @@ def test_slip_and_wheel_speed_tell_one_story():
 
 def test_a_filter_follows_a_ramp_at_its_lag():
     time = np.arange(0.0, 5.0, 0.1)
-    ramp = sensing.late(lambda t: {"torque": 3.0 * t}, "torque", time, 0.2, shifted=False)
+    ramp = sensing.late(lambda t: {"torque": 3.0 * t}, "torque", time, 0.2, filtered=1.0)
     np.testing.assert_allclose(ramp, 3.0 * (time - 0.2 * (1.0 - np.exp(-time / 0.2))), atol=1e-3)
-    shifted = sensing.late(lambda t: {"torque": 3.0 * t}, "torque", time, 0.2, shifted=True)
+    shifted = sensing.late(lambda t: {"torque": 3.0 * t}, "torque", time, 0.2, filtered=0.0)
     np.testing.assert_allclose(shifted, 3.0 * np.maximum(time - 0.2, 0.0))
 
 

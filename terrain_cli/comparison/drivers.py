@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.effect_inputs import RUT, WITH_COURSE
+from terrain_cli.telemetry.effect_inputs import WITH_COURSE, sources
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.windows.cut_windows import at_rows
 
@@ -44,11 +44,11 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     backwards = at_rows(omega, rows) < 0.0 if omega is not None else np.zeros(len(rows), dtype=bool)
     found: dict[str, Driver] = {}
     for name, column in {**samples.drivers, **samples.channels}.items():
-        # Rates of channels and slopes of the rut are there only where an effect asked for them.
-        asked = name == RUT or (name not in CHANNELS and name.removesuffix("_rate") in CHANNELS)
+        # Rates of channels, angles and slopes of the rut are there only where an effect asked for them.
+        asked = name not in CHANNELS and sources(name)[0] in CHANNELS
         twice = name in _PLACE and "x" in samples.channels
         scatter = name not in CHANNELS and _SCATTER.search(name)
-        if name in _LEFT_OUT or name == ANGLE or asked or twice or scatter:
+        if name in _LEFT_OUT or asked or twice or scatter:
             continue
         channel = CHANNELS.get(name)
         if channel is not None and channel.dimension == LABEL:

@@ -25,7 +25,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.diagnosis.refit_ranking import FORMS, absent, bent
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
 from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.effect_inputs import RUT
+from terrain_cli.telemetry.effect_inputs import RUT, rate_of, sources
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -203,7 +203,7 @@ def _views(
     reads = {name for side in sides for effect in side.solution.model.effects for name in effect.reads}
     # A sinkage from which a model predicts is the drive's own.
     there = reads & ground.part.inputs.keys() - {"sinkage"}
-    coupled = [name for name in there if name.removesuffix("_rate") in UNITS or name == RUT]
+    coupled = [name for name in there if sources(name)[0] in UNITS]
     # Where no rate of what is shown is needed, few samples tell as much as many.
     step = 1 if coupled else _STEP
     new = _measured(ground, truth, course, coupled, step)
@@ -245,15 +245,16 @@ def _measured(
     numbers = truth.solution.of_samples(new.window)
     for _ in range(_ROUNDS if coupled else 0):
         found, _ = smoothed_model.forecast(truth.solution.model, new, numbers, order=smoothed_model.ORDER)
+        means: dict[str, Array] = {}
         for name in coupled:
-            shown = found.get("sinkage" if name == RUT else name.removesuffix("_rate"), np.zeros(n))
+            shown = found.get(sources(name)[0], np.zeros(n))
             if name == RUT:
                 radius, velocity = part.geometry.radius, course["velocity"]
                 inputs[name] = rates.rut_slope(course["time"], stretch, shown, velocity, radius=radius)
             elif name in UNITS:
                 inputs[name] = shown
             else:
-                inputs[name] = rates.rate(course["time"], stretch, shown, reach=_REACH)
+                inputs[name] = rate_of(name, course["time"], stretch, shown, means, _REACH)
     return new
 
 

@@ -131,6 +131,8 @@ class Parameter:
         Powers of the wheel's load and radius with which `scale` and bounds grow, see `under`.
     absolute : bool
         Whether the bounds do not grow: they are those of every wheel.
+    held : str
+        Why it stays at its null where a model does not hold it elsewhere; empty if it is estimated.
     """
 
     name: str
@@ -149,6 +151,7 @@ class Parameter:
     along: str = ""
     grows: tuple[float, ...] = (0.0, 0.0)
     absolute: bool = False
+    held: str = ""
 
     def under(self, load: float, radius: float) -> Parameter:
         """Return the parameter with the scale and bounds that it has under a load, N, on a radius, m.
@@ -196,6 +199,8 @@ class Parameter:
         missing = [need for need in self.needs if any(need not in channels for channels in several)]
         if missing:
             return f"{' and '.join(missing)} not measured"
+        if self.held:
+            return self.held
         if self.skids and not any(
             (channels["slip"] < -SKID).any() for channels in several if "slip" in channels
         ):
@@ -261,6 +266,9 @@ class Effect:
         ``grouser_count`` and ``grouser_height`` are of rover.toml.
     any_of : tuple of str
         Channels at least one of which it needs besides.
+    uses : tuple of str
+        What its laws read besides where it is there. ``NAME_rate_L`` is the mean rate of a channel over the
+        next L seconds, of those in `rates.LEADS`.
     formula : str
         The law as a person reads it.
     explanation : str
@@ -285,6 +293,7 @@ class Effect:
     laws: Mapping[str, Law]
     needs: tuple[str, ...] = ()
     any_of: tuple[str, ...] = ()
+    uses: tuple[str, ...] = ()
     formula: str = ""
     explanation: str = ""
     shows: str = ""
@@ -298,7 +307,7 @@ class Effect:
     def reads(self) -> tuple[str, ...]:
         """Channels that make a difference to the effect: what it needs, and what it uses if it is there."""
         further = (name for parameter in self.parameters for name in parameter.needs)
-        return tuple(dict.fromkeys((*self.needs, *self.any_of, *further)))
+        return tuple(dict.fromkeys((*self.needs, *self.any_of, *further, *self.uses)))
 
     @property
     def forms(self) -> tuple[Effect, ...]:

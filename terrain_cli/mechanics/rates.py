@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 #: Neighbours on either side among which is chosen, and samples that are enough to choose by.
 _REACHES = (2, 4, 8, 16, 32)
 _TELLING = 20_000
+#: s: the first parts of the time after a sample over which the mean rate of a channel is known. Between two
+#: of them it is interpolated, where it bends little; a channel is late by less than the last.
+LEADS = (0.1, 0.2, 0.4, 0.8, 1.6)
 #: Half of the line through a rut, in radii of the wheel, and the places in it. A wheel follows nothing
 #: shorter than its contact, but sinkage wanders there: in sand simulated as a continuum, of a relaxation of
 #: 0.04 m, lines of no length find 0.025 m, of a quarter 0.034, of a half 0.038, of a whole radius 0.047.
@@ -55,15 +58,51 @@ def rate(
     """
     time, values = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
     stretch = np.asarray(stretch)
-    if reach is None:
-        some = slice(0, _TELLING)
-        reaches = [near for near in _REACHES if near >= least]
-        nested = _sums(time[some], stretch[some], values[some], reaches)
-        reach = reaches[int(np.argmin([_left_out(sums) for sums in nested]))]
+    return _lines(time, stretch, values, reach or _telling(time, stretch, values, least))[1]
+
+
+def mean_rates(time: Array, stretch: Index, values: Array, *, reach: int | None = None) -> Array:
+    """Return the rate of a channel, and its mean over each of `LEADS` after every sample, (n, 1 + leads).
+
+    The mean is that between the lines of `rate` at both ends; up to the end of the stretch, where that comes
+    first.
+    """
+    reach = reach or _telling(time, stretch, values, 0)
+    level, slope = _lines(time, stretch, values, reach)
+    # A line cuts off what bends, in proportion to reach (reach + 1): so much less than one twice as long.
+    longer, _ = _lines(time, stretch, values, 2 * reach)
+    level += (reach + 1.0) / (3.0 * reach + 1.0) * (level - longer)
+    known = np.isfinite(level)
+    first = np.flatnonzero(np.concatenate([[True], stretch[1:] != stretch[:-1]]))
+    last = np.append(first[1:], len(time)) - 1
+    number = np.repeat(np.arange(len(first)), last - first + 1)
+    # One clock on which the stretches follow one another, a second apart.
+    begun = np.cumsum(np.append(0.0, time[last] - time[first] + 1.0))[:-1]
+    clock = time + (begun - time[first])[number]
+    later = np.minimum(clock[:, None] + LEADS, clock[last][number][:, None])
+    ahead = later - clock[:, None]
+    if not known.any():
+        return np.full((len(time), 1 + len(LEADS)), np.nan)
+    risen = np.interp(later, clock[known], level[known]) - level[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means = np.where(ahead > 0.0, risen / ahead, slope[:, None])
+    return np.concatenate([slope[:, None], means], axis=1)
+
+
+def _telling(time: Array, stretch: Index, values: Array, least: int) -> int:
+    """Return on how many neighbours on either side the lines tell a sample best that they have not seen."""
+    some, reaches = slice(0, _TELLING), [near for near in _REACHES if near >= least]
+    nested = _sums(time[some], stretch[some], values[some], reaches)
+    return reaches[int(np.argmin([_left_out(sums) for sums in nested]))]
+
+
+def _lines(time: Array, stretch: Index, values: Array, reach: int) -> tuple[Array, Array]:
+    """Return level and slope of the line through each sample and its neighbours."""
     ((count, st, sv, stt, stv),) = _sums(time, stretch, values, [reach])
     spread = count * stt - st * st
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(spread > 0.0, (count * stv - st * sv) / spread, np.nan))
+        slope = np.where(spread > 0.0, (count * stv - st * sv) / spread, np.nan)
+        return np.asarray(values + (sv - slope * st) / count), np.asarray(slope)
 
 
 def _sums(time: Array, stretch: Index, values: Array, reaches: Sequence[int]) -> Iterator[Array]:

@@ -15,7 +15,7 @@ from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
 from terrain_cli.simulation.course import STEP, Ride, plan, ride, standing
-from terrain_cli.telemetry.effect_inputs import RUT
+from terrain_cli.telemetry.effect_inputs import MEANS, RUT, sources
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -66,13 +66,17 @@ class Physics:
         self.angle = np.zeros(len(ride.time))
         reads = {name for chosen in scenario.effects for name in chosen.effect.reads}
         # The yaw rate is a channel of its own.
-        wanted = sorted(name for name in reads - CHANNELS.keys() if name.endswith(_RATE))
+        late = {sources(name)[0] for name in reads if name.endswith(MEANS)}
+        asked = sorted(name for name in reads - CHANNELS.keys() if name.endswith((_RATE, *MEANS)))
+        wanted = [name for name in asked if sources(name)[0] not in late]
         # What is measured depends on what is predicted, and the other way round.
         changed = map(scenario.model.changes, ("load", "slip"))
         self.coupled = any(changed) or bool(reads & {"torque", "drawbar_pull"})
-        self.rates: dict[str, Array] = {name: np.zeros(len(ride.time)) for name in wanted}
+        self.rates: dict[str, Array] = {name: np.zeros(len(ride.time)) for name in asked}
         if RUT in reads:
             self._roll_on()
+        if late:
+            self._come_late({name: sources(name)[0] for name in asked if sources(name)[0] in late})
         if wanted or "wheel_angle" in reads:
             self._along(wanted)
 
@@ -89,6 +93,26 @@ class Physics:
         rut = rates.rut_slope(time, one, sinkage, velocity, radius=self.scenario.geometry.radius)
         # What the law has to read for a sinkage that stays as it is while the wheel stands.
         self.rates[RUT] = np.divide(steady - sinkage, length, out=np.nan_to_num(rut), where=length != 0.0)
+
+    def _come_late(self, channels: Mapping[str, str]) -> None:
+        """Find the rates, of which `channels` are the channels, that show these late along the whole ride.
+
+        What a law makes of a line and of a parabola tells by how much it delays, and how long it smooths.
+        """
+        time, found = self.ride.time, []
+        for power in (None, 0, 1):
+            for name in channels:
+                lead = sum(lead for lead, mean in zip(rates.LEADS, MEANS, strict=True) if name.endswith(mean))
+                level = 0.0 if power is None else _LEVEL * lead**power
+                self.rates[name] = np.full(len(time), level)
+            found.append(self._travelling(time))
+        for name, channel in channels.items():
+            true, line, parabola = (one[channel] for one in found)
+            lag, bent = (true - line) / _LEVEL, (true - parabola) / _LEVEL
+            smoothed = np.sign(lag) * np.sqrt(np.maximum(lag**2 - bent, 0.0))
+            delayed = np.interp(time - (lag - smoothed), time, true)
+            shown = rates.settling(time, delayed, smoothed)
+            self.rates[name] = np.divide(true - shown, lag, out=np.zeros(len(time)), where=lag != 0.0)
 
     def _along(self, wanted: list[str]) -> None:
         """Find the rates of what is shown, and the angle that the wheel has turned, along the whole ride."""

@@ -206,7 +206,7 @@ def typical(parameter: Parameter, name: str = "") -> float:
     """Return a value that is not given: in the middle of `PLAUSIBLE`, else one typical size from the null."""
     if name in PLAUSIBLE:
         return 0.5 * sum(PLAUSIBLE[name])
-    return parameter.null if parameter.shape else _away(parameter, 1.0)
+    return parameter.null if parameter.shape or parameter.held else _away(parameter, 1.0)
 
 
 def drawn(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
@@ -218,6 +218,8 @@ def drawn(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
         if (name := effect.qualified(parameter)) in PLAUSIBLE:
             low, high = PLAUSIBLE[name]
             values[parameter.name] = low + (high - low) * (size - 0.6)
+        elif parameter.held:
+            values[parameter.name] = parameter.null
         elif parameter.shape:
             values[parameter.name] = _away(parameter, 0.5 * side * (size - 0.6))
         else:

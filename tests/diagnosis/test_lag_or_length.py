@@ -30,3 +30,14 @@ def test_at_one_speed_a_family_and_the_drive_at_several():
     (drive,) = diagnosis.next_drive
     assert drive.power > 0.9
     assert len(drive.settings["speed"]["steps"]) > 2
+
+
+@pytest.mark.parametrize("form", ["catalogue", "other"])
+@pytest.mark.parametrize("channel", ["torque", "sinkage"])
+def test_a_lag_is_found_with_its_size(channel, form):
+    """A pure delay, and a first-order filter: as a rate, half of the first was found."""
+    hidden = {"sensor-lag": {f"{channel}_lag": 0.4, "form": form}}
+    windows = windows_of(SEED, Kind(hidden, course="rich", seconds=64.0))
+    candidates = diagnose(windows, ModelFile(), effects=AMONG).candidates
+    found = next(one for one in candidates if one.effect == "sensor-lag")
+    assert found.sizes[f"{channel}_lag"].value == pytest.approx(0.4, rel=0.15)

@@ -50,7 +50,7 @@ def test_a_load_that_changes_from_sample_to_sample_is_no_noise(seed):
 
 def test_a_lag_is_no_smaller_than_quick_changes_show():
     """Predicted from an interpolated load it took a quarter of what it truly takes."""
-    late, true = (over_rough_ground(2, 64.0, effects) for effects in (sized("sensor-lag"), {}))
+    late, true = (over_rough_ground(2, 64.0, effects) for effects in (sized("sensor-lag", form="other"), {}))
     shown, torque = (one.samples.channels["torque"] for (one,) in (late, true))
     found = diagnose(late, ModelFile())
     assert found.alarm.raised

@@ -62,6 +62,8 @@ def measured(name, values):
     )
     for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
         channels[f"{channel}_rate"] = rates.rate(time, stretch, channels[channel])
+        means = rates.mean_rates(time, stretch, channels[channel])
+        channels |= {f"{channel}_rate_{lead:g}": means[:, 1 + k] for k, lead in enumerate(rates.LEADS)}
     return channels
 
 
@@ -74,7 +76,8 @@ def fit(model, channels):
         "stiffness": 1.2e6,
         "sinkage_exponent": 1.0,
     }
-    start = soil | model.nulls()
+    held = {q: p.null for q, p in model.parameters.items() if p.held}
+    start = {q: number for q, number in (soil | model.nulls()).items() if q not in held}
     if any(p.shape for p in model.parameters.values()):
         start |= {q: p.null + p.scale for q, p in model.parameters.items() if not p.shape}
     scale = np.array([model.parameters[q].scale if q in model.parameters else soil[q] for q in start])
@@ -85,9 +88,8 @@ def fit(model, channels):
     last = {}
 
     def residuals(x):
-        p = predict(
-            model, wheel, channels, dict(zip(start, x * scale, strict=True)), given="load", by=tuple(start)
-        )
+        values = held | dict(zip(start, x * scale, strict=True))
+        p = predict(model, wheel, channels, values, given="load", by=tuple(start))
         rows, jacobian = [], []
         for output in OUTPUTS:
             number = getattr(p, output)
@@ -114,7 +116,7 @@ def fit(model, channels):
         gtol=1e-14,
         max_nfev=200,
     )
-    return dict(zip(start, found.x * scale, strict=True))
+    return held | dict(zip(start, found.x * scale, strict=True))
 
 
 def test_every_effect_has_a_truth():

@@ -53,6 +53,24 @@ def test_stretches_are_no_neighbours():
     assert np.isnan(rate([0.0, 1.0], [0, 1], [0.0, 1.0])).all()
 
 
+def test_mean_rates_are_those_of_a_parabola_and_end_with_their_stretch():
+    time = np.arange(0.0, 6.0, 0.05)
+    stretch = (time >= 3.0).astype(int)
+    rate_now, means = np.split(
+        rates.mean_rates(time, stretch, np.where(stretch, -time, time**2)), [1], axis=1
+    )
+    np.testing.assert_array_equal(rate_now[:, 0], rate(time, stretch, np.where(stretch, -time, time**2)))
+    inner = (time > 0.5) & (time < 1.2)
+    for k, lead in enumerate(rates.LEADS):
+        np.testing.assert_allclose(means[inner, k], 2.0 * time[inner] + lead, rtol=0.01)
+        np.testing.assert_allclose(means[stretch == 1, k], -1.0, rtol=1e-9)
+    # Shortly before its end, a stretch has the rate up to there.
+    before = np.flatnonzero(stretch == 0)[-5]
+    np.testing.assert_allclose(means[before, 1:], time[before] + time[before + 4], rtol=0.01)
+    nothing = np.full(4, np.nan)
+    assert np.isnan(rates.mean_rates(time[:4], stretch[:4], nothing)).all()
+
+
 RADIUS = 0.1
 
 

@@ -193,6 +193,22 @@ def test_turning_round_leaves_no_spike(name):
     assert np.max(np.abs(shown["torque"])) < 1.5 * np.max(np.abs(plain["torque"]))
 
 
+@pytest.mark.parametrize("filtered", [0.0, 0.5, 1.0])
+def test_a_late_channel_is_delayed_then_filtered(filtered):
+    parts = [{"slip": {"steps": [0.1, 0.5, 0.2, 0.6]}, "duration": 12.0}]
+    lag = {"torque_lag": 0.4, "drawbar_pull_lag": 0.0, "sinkage_lag": 0.0, "filtered": filtered}
+    _, plain = truth(part=parts, rate=50.0)
+    _, shown = truth(part=parts, rate=50.0, effects={"sensor-lag": lag})
+    time = np.arange(len(plain["torque"])) / 50.0
+    delayed = np.interp(time - 0.4 * (1.0 - filtered), time, plain["torque"])
+    for step, true in enumerate(delayed[1:], 1):
+        kept = np.exp(-0.02 / (0.4 * filtered)) if filtered else 0.0
+        delayed[step] = kept * delayed[step - 1] + (1.0 - kept) * true
+    late = np.max(np.abs(shown["torque"] - plain["torque"]))
+    assert np.max(np.abs(shown["torque"] - delayed)) < 0.1 * late
+    np.testing.assert_allclose(shown["drawbar_pull"], plain["drawbar_pull"], rtol=1e-6)
+
+
 def test_a_wheel_that_stands_stays_as_deep_as_it_is():
     parts = [
         {"slip": [0.1, 0.5], "duration": 8.0},

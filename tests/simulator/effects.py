@@ -243,7 +243,7 @@ KNOWN: dict[str, Known] = {
     "drawbar-bias": Known({"offset": 0.0}),
     "wheel-radius": Known({"relative_error": 0.0}, forms=("catalogue",)),
     "sinkage-relaxation": Known({"length": 0.0}),
-    "sensor-lag": Known({"torque_lag": 0.0, "drawbar_pull_lag": 0.0, "sinkage_lag": 0.0}),
+    "sensor-lag": Known({"torque_lag": 0.0, "drawbar_pull_lag": 0.0, "sinkage_lag": 0.0, "filtered": 0.0}),
     "acceleration-torque": Known({"J": 0.0}, forms=("catalogue",)),
     "grouser-ripple": Known(
         {f"{channel}_{part}": 0.0 for channel in ("torque", "pull", "sinkage") for part in ("sine", "cosine")}

@@ -180,7 +180,8 @@ def shown(
         if name == "sensor-lag":
             for channel in ("torque", "drawbar_pull", "sinkage"):
                 if p[f"{channel}_lag"]:
-                    channels[channel] = late(before, channel, time, p[f"{channel}_lag"], shifted=other)
+                    share = 1.0 - p["filtered"] if other else p["filtered"]
+                    channels[channel] = late(before, channel, time, p[f"{channel}_lag"], filtered=share)
         elif name == "sinkage-relaxation":
             channels["sinkage"] = rolled_on(before, time, p["length"], shifted=other)
         elif name == "grouser-ripple":
@@ -211,18 +212,19 @@ def changes_load(effects: Frozen) -> bool:
     return any(name in {"slope", "load-transfer"} for name, _, _ in effects)
 
 
-def late(at: Callable[[Array], Channels], channel: str, time: Array, lag: float, *, shifted: bool) -> Array:
-    """Return a channel that is late: through a first-order filter, or `shifted` by the lag.
+def late(at: Callable[[Array], Channels], channel: str, time: Array, lag: float, *, filtered: float) -> Array:
+    """Return a channel that is late: delayed, and then through a first-order filter, by shares of the lag.
 
-    The filter obeys shown + lag · d(shown)/dt = true; it starts settled.
+    The filter obeys shown + lag · d(shown)/dt = delayed; it starts settled.
     """
-    if shifted:
-        return at(np.maximum(time - lag, 0.0))[channel]
+    delay, lag = (1.0 - filtered) * lag, filtered * lag
+    if not lag:
+        return at(np.maximum(time - delay, 0.0))[channel]
     if lag < 0.0:
         raise ValueError("a first-order filter is never early: use the form other")
     end = float(time.max(initial=0.0)) + FILTER_STEP
     grid = np.linspace(0.0, end, math.ceil(end / FILTER_STEP) + 1)
-    true = at(grid)[channel]
+    true = at(np.maximum(grid - delay, 0.0))[channel]
     step = grid[1] / lag
     keep = math.exp(-step)
     # Exact for a truth that is straight between the points of the grid.
