@@ -35,7 +35,7 @@ from terrain_cli.estimation.wheel_fit import missing_effects  # noqa: E402 - as 
 from terrain_cli.windows.cut_windows import cut  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "ok_rows_study.txt"
-FIRST, DRIVES, CLEAN = 108_000_000, 3, 4
+FIRST, DRIVES, CLEAN = 116_000_000, 3, 4
 COURSES, NOISES = ("rich", "poor-load"), ("white", "ar1")
 #: Another soil in every pass.
 LEFT_OUT = "multi-pass"
