@@ -81,8 +81,13 @@ def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
 def printed_shares(
     wheels: Sequence[FittedWheel], fitted: Sequence[FittedWheel], block: Sequence[Index]
 ) -> dict[str, float]:
-    """Return the same of the errors that every verb prints; 0 if all of them together do not fall."""
+    """Return the same of the errors that every verb prints; 0 if all of them together do not fall.
+
+    Nothing where no noise is known: a few steady points tell no error of each channel.
+    """
     known = {name: pooled_noise(wheels, name) for name in UNITS if any(name in w.measured for w in wheels)}
+    if not np.isfinite([*known.values()]).any():
+        return {}
     before, after = (refits.held_out_errors(some, block, known) for some in (wheels, fitted))
     taken = {name: error**2 - after.get(name, error) ** 2 for name, error in before.items()}
     # Where the noise is not known, in units of the error.
@@ -211,7 +216,7 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
     if first and raised and (close or comparison.doubted):
         fitted = [refits.fitted_anew(wheel, first) for wheel in wheels]
         shares = printed_shares(wheels, fitted, block)
-        raised = not close or max(shares.values()) >= criteria.SMALLEST_SHARE
+        raised = not close or max(shares.values(), default=1.0) >= criteria.SMALLEST_SHARE
         settles = effect_sizes.settles_pull(fitted, first)
     return EffectScores(
         p_value=p_value,

@@ -60,6 +60,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         unrecorded=scores.unrecorded if scores else (),
         points=comparison.points,
         soils=comparison.soil_count,
+        wheels=len(comparison.wheels),
         changes=tuple(comparison.soil_changes),
         needed=scores is not None and scores.instead is None,
         instead=scores.instead or "" if scores else "",
@@ -128,6 +129,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
         soils=found.comparison.soil_count,
+        wheels=len(found.comparison.wheels),
         changes=tuple(found.comparison.soil_changes),
         needed=not fewer,
         fewer=found.soils if hidden else 0,
@@ -172,14 +174,13 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
 
 
 def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusion:
-    soils = f"with {counted(found.soils, 'soil')}"
+    soils = f"with {counted(found.soils, 'soil')}" + f" under {found.wheels} wheels" * (found.wheels > 1)
     if found.instead and found.instead not in found.refused and not found.ended:
         command = asked.looked("diagnose")
-        told = f"The model may miss something: {_at_most(known)}, but only {soils}"
-        told = f"{told}: fewer may do with {found.instead}. Next: {command}"
-        return Conclusion("explained", told, command)
-    told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}, and "
-    told += "no effect stands out."
+        told = f"The model may miss something: {_at_most(known)}, but only {soils}: fewer may do with "
+        return Conclusion("explained", f"{told}{found.instead}. Next: {command}", command)
+    told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
+    told += ", and no effect stands out."
     if found.changes:
         needed = ", and no effect predicts as well with fewer soils" * found.needed
         told += f" The soil changes at {_places(found)}{needed}."

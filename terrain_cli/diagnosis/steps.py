@@ -165,7 +165,7 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
         # Without an assumption of the base other channels are predicted, and fitted, too.
         wheels = ranked.data.wheels
         fitted = [refits.fitted_anew(wheel, best[0]) for wheel in wheels]
-        shares = alarm.printed_shares(wheels, fitted, ranked.log.block)
+        shares = alarm.printed_shares(wheels, fitted, ranked.log.block) or shares
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)
     return Alarm(
