@@ -80,10 +80,9 @@ def of_effects(
 ) -> Iterator[Signature]:
     """Differentiate the predictions by the parameters of effects that the model does not have.
 
-    One signature for each of several values of parameters that only shape an effect, one for each other form
-    of its laws, and one where these bend.
+    One signature for each of several values of parameters that only shape an effect, and one for each other
+    form of its laws.
     """
-    effects = list(effects)
     together: list[Effect] = []
     alone: list[Effect] = []
     for effect in effects:
@@ -94,10 +93,6 @@ def of_effects(
         tables = _tables(wheel, together, channels, rows, {})
         for effect in together:
             yield _of(effect, tables, together)
-    for effect in effects:
-        bent = {effect.qualified(p): p.bent for p in effect.parameters if p.bent}
-        if bent:
-            yield _of(effect, _tables(wheel, [effect], channels, rows, bent), [effect])
     for at, several in _passes(alone, channels):
         tables = _tables(wheel, several, channels, rows, at)
         for effect in several:

@@ -131,8 +131,6 @@ class Parameter:
         Powers of the wheel's load and radius with which `scale` and bounds grow, see `under`.
     absolute : bool
         Whether the bounds do not grow: they are those of every wheel.
-    bent : float
-        Value, SI, at which it leaves another trace than near its null; 0 if the law bends little.
     held : str
         Why it stays at its null where a model does not hold it elsewhere; empty if it is estimated.
     """
@@ -153,7 +151,6 @@ class Parameter:
     along: str = ""
     grows: tuple[float, ...] = (0.0, 0.0)
     absolute: bool = False
-    bent: float = 0.0
     held: str = ""
 
     def under(self, load: float, radius: float) -> Parameter:
