@@ -102,6 +102,10 @@ def _limits(table: Table, name: str, error: str, sure: Mask, least: float) -> tu
     if not finite.any():
         return 0.0, 1.0
     low, high = usual(np.concatenate([(values - reach)[finite], (values + reach)[finite]]))
+    # A soil that is known is shown, however far from the others.
+    known = finite & sure
+    low = float(np.min((values - reach)[known], initial=low))
+    high = float(np.max((values + reach)[known], initial=high))
     space = max(0.08 * (high - low), 0.2 * least)
     return low - space, high + space
 

@@ -89,6 +89,20 @@ def test_limits_show_what_is_sure_and_not_what_is_wild():
     assert phi[0] < 30.0 - 2.4 < 30.0 + 2.4 < phi[1]
 
 
+def test_limits_show_every_soil_that_is_known():
+    """One soil far from the others was outside, though the page had marked it."""
+    several = table(
+        c_kPa=[0.3, 0.35, 0.4, 0.45, 2.65],
+        c_se_kPa=[0.1] * 5,
+        phi_deg=[26.0, 26.5, 27.0, 27.5, 39.0],
+        phi_se_deg=[0.3] * 5,
+        status=["ok"] * 5,
+    )
+    c, phi = shown_segments.estimate_limits(several)
+    assert c[1] > 2.65 + 2.4477 * 0.1
+    assert phi[1] > 39.0 + 2.4477 * 0.3
+
+
 def test_map_of_longitudes_is_stretched_by_latitude():
     one = table(longitude_deg=[1.0])
     *_, stretch = shown_segments.frame(one, np.array([[1.0, 60.0], [1.1, 60.0]]))
