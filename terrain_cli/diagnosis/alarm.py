@@ -67,6 +67,18 @@ def at_level(gain: Array) -> float:
     return of_gain_in_most(gain) / criteria.GAINED * criteria.LEVEL
 
 
+def of_unscored(
+    data: Ground, base: Refit, hypotheses: Sequence[Hypothesis]
+) -> tuple[float, Hypothesis | None]:
+    """Return how often chance gives what hypotheses gain that no score tells of, and the best of these."""
+    # Of a law that can be written in several ways the first form tells enough.
+    unscored = [one for one in hypotheses if not one.scored]
+    forms = [form for one in unscored for form in (one.forms[:1] if one.effects else one.forms)]
+    told = [(of_gain(base.loss - refits.refit(data, form).loss), form) for form in forms]
+    p_value, best = min(told, key=lambda one: one[0], default=(1.0, None))
+    return min(len(forms) * p_value, 1.0), best
+
+
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
     """Return what a model takes off the held-out error over the channel's size, both rms, by channel."""
     found = {}
@@ -212,6 +224,12 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
     if first and lowest < criteria.LEVEL and (close or p_value >= criteria.LEVEL):
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
         p_value = max(lowest, _of_fitted_gain(wheels, block, first))
+    if p_value >= criteria.LEVEL:
+        data = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
+        of_late, late = of_unscored(data, refits.refit(data, None), scored)
+        if late and of_late < criteria.LEVEL:
+            p_value, first = of_late, late
+            order.insert(0, order.pop(order.index(late.id)))
     raised, settles = p_value < criteria.LEVEL, False
     if first and raised and (close or comparison.doubted):
         fitted = [refits.fitted_anew(wheel, first) for wheel in wheels]

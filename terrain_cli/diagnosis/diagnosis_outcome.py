@@ -52,6 +52,14 @@ class Hypothesis:
         )
 
     @property
+    def scored(self) -> bool:
+        """Whether a score tells what it gains.
+
+        An assumption has no signature. What is late follows no rate where the inputs change faster than that.
+        """
+        return bool(self.effects) and not any(effect.uses for effect in self.effects)
+
+    @property
     def free(self) -> int:
         """Number of parameters that come with it."""
         return sum(name not in self.fixed for name in (self.parameters or self.priors))

@@ -95,14 +95,13 @@ class Two:
 
 def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     """Tell how often chance gives scores as strong; of too few blocks nothing is told."""
-    p_value = min([1.0, *log.found.p_values.values(), *(one.p_value for one in log.failures)])
-    assumed = [one for one in log.hypotheses if not one.effects]
-    # What the base assumes has no signature to score: how often chance gives the gain of lifting it.
-    gains = [base.loss - refits.refit(log.data, form).loss for one in assumed for form in one.forms]
-    lifted = min((len(gains) * alarm.of_gain(gain) for gain in gains), default=1.0)
-    p_value = min(p_value, lifted, alarm.of_order(log.data, case.seed))
     if log.data.blocks < criteria.BLOCKS_OF_ALARM:
         return Alarm(raised=False, p_value=1.0, level=criteria.LEVEL)
+    p_value = min([1.0, *log.found.p_values.values(), *(one.p_value for one in log.failures)])
+    p_value = min(p_value, alarm.of_order(log.data, case.seed))
+    if p_value >= criteria.LEVEL:
+        testable = [one for one in log.hypotheses if one.id in log.found.p_values]
+        p_value = min(p_value, alarm.of_unscored(log.data, base, testable)[0])
     return Alarm(raised=p_value < criteria.LEVEL, p_value=p_value, level=criteria.LEVEL)
 
 
@@ -116,7 +115,7 @@ def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
     testable = [
         one
         for one in log.hypotheses
-        if one.id in log.found.p_values and (not one.effects or explained[one.id] >= least)
+        if one.id in log.found.p_values and (not one.scored or explained[one.id] >= least)
     ]
 
     def before(one: Hypothesis) -> None:

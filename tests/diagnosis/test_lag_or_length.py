@@ -1,10 +1,14 @@
 """A lag in time and one in distance: at one speed nobody can tell them apart, at several anybody can."""
 
+import math
+
+import numpy as np
 import pytest
-from hidden_drives import Kind, sized, windows_of
+from hidden_drives import Kind, Rover, sized, windows_of
 
 from terrain_cli import effects
 from terrain_cli.diagnosis import diagnose
+from terrain_cli.improvement import change_trial
 from terrain_cli.models import ModelFile
 
 LAG = {"sensor-lag": {"sinkage_lag": 0.5}}
@@ -41,3 +45,25 @@ def test_a_lag_is_found_with_its_size(channel, form):
     candidates = diagnose(windows, ModelFile(), effects=AMONG).candidates
     found = next(one for one in candidates if one.effect == "sensor-lag")
     assert found.sizes[f"{channel}_lag"].value == pytest.approx(0.4, rel=0.15)
+
+
+def rough_load(seed):
+    """Return a load that wanders by 15 % within 0.15 s."""
+    steps, kept = 2_000, math.exp(-0.05 / 0.15)
+    away = np.zeros(steps)
+    for step, new in enumerate(np.random.default_rng(seed).normal(size=steps - 1), start=1):
+        away[step] = kept * away[step - 1] + math.sqrt(1.0 - kept**2) * new
+    away = np.clip(1.0 + 0.15 * away, 0.5, 1.6)
+    return lambda t: np.interp(t, 0.05 * np.arange(steps), away)
+
+
+@pytest.mark.parametrize("hidden", [{"sensor-lag": {"torque_lag": 0.3}}, {}])
+def test_a_lag_under_a_load_that_changes_faster_is_no_noise(hidden):
+    """No rate tells of it, and what it leaves changes as fast as noise."""
+    kind = Kind(hidden, seconds=64.0, share=0.01, rover=Rover(rough=rough_load(1)))
+    windows, file = windows_of(SEED, kind), ModelFile()
+    told = change_trial.fitted(windows, file).scores()
+    diagnosis = diagnose(windows, file)
+    assert told.raised == diagnosis.alarm.raised == bool(hidden)
+    if hidden:
+        assert (told.effects[0], diagnosis.effect) == ("sensor-lag", "sensor-lag")
