@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -16,9 +17,10 @@ from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, effect_sizes, refits, screening, several_soils, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise
+from terrain_cli.mechanics.rates import LEADS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.comparison.fitted_wheel import FittedWheel
@@ -68,15 +70,47 @@ def at_level(gain: Array) -> float:
 
 
 def of_unscored(
-    data: Ground, base: Refit, hypotheses: Sequence[Hypothesis]
+    wheels: Sequence[FittedWheel],
+    block: Sequence[Index],
+    hypotheses: Sequence[Hypothesis],
+    fitted: Callable[[], tuple[Ground, Refit]],
 ) -> tuple[float, Hypothesis | None]:
-    """Return how often chance gives what hypotheses gain that no score tells of, and the best of these."""
+    """Return how often chance gives what hypotheses gain that no score tells of, and the best of these.
+
+    `fitted` returns the data with the base fitted; without any such hypothesis it is not called.
+    """
+    late = _late(wheels, block) < criteria.GAINED
     # Of a law that can be written in several ways the first form tells enough.
-    unscored = [one for one in hypotheses if not one.scored]
+    unscored = [one for one in hypotheses if not one.scored and (late or not one.effects)]
     forms = [form for one in unscored for form in (one.forms[:1] if one.effects else one.forms)]
+    if not forms:
+        return 1.0, None
+    data, base = fitted()
     told = [(of_gain(base.loss - refits.refit(data, form).loss), form) for form in forms]
-    p_value, best = min(told, key=lambda one: one[0], default=(1.0, None))
+    p_value, best = min(told, key=lambda one: one[0])
     return min(len(forms) * p_value, 1.0), best
+
+
+def _late(wheels: Sequence[FittedWheel], block: Sequence[Index]) -> float:
+    """Return how often chance lets a residual follow what was predicted before it other than what after it.
+
+    A late channel does. Noise does not, however long it lasts, nor noise of a load that is in the prediction
+    too: these are the same with the time reversed.
+    """
+    p_values = []
+    for wheel, own in zip(wheels, block, strict=True):
+        for (name, residual), lead in product(wheel.residuals.items(), LEADS):
+            step = round(lead * wheel.second)
+            before, after = slice(None, -2 * step), slice(2 * step, None)
+            near = wheel.group[before] == wheel.group[after] if step else np.zeros(0, dtype=bool)
+            if not near.any():
+                continue
+            change = wheel.predicted[name][before] - wheel.predicted[name][after]
+            follows = np.nan_to_num(residual[step:-step] * change)[near]
+            _, place = np.unique(own[step:-step][near], return_inverse=True)
+            sums = np.asarray(np.bincount(place, follows), dtype=float)
+            p_values.append(2.0 * min(of_gain(sums), of_gain(-sums)))
+    return min((len(p_values) * one for one in p_values), default=1.0)
 
 
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
@@ -225,8 +259,7 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
         p_value = max(lowest, _of_fitted_gain(wheels, block, first))
     if p_value >= criteria.LEVEL:
-        data = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
-        of_late, late = of_unscored(data, refits.refit(data, None), scored)
+        of_late, late = of_unscored(wheels, block, scored, partial(_with_base, wheels, block))
         if late and of_late < criteria.LEVEL:
             p_value, first = of_late, late
             order.insert(0, order.pop(order.index(late.id)))
@@ -244,6 +277,11 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
         instead=instead,
         settles=raised and settles,
     )
+
+
+def _with_base(wheels: Sequence[FittedWheel], block: Sequence[Index]) -> tuple[Ground, Refit]:
+    data = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
+    return data, refits.refit(data, None)
 
 
 def _of_fitted_gain(wheels: Sequence[FittedWheel], block: Sequence[Index], first: Hypothesis) -> float:

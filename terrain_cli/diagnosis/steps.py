@@ -101,7 +101,8 @@ def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     p_value = min(p_value, alarm.of_order(log.data, case.seed))
     if p_value >= criteria.LEVEL:
         testable = [one for one in log.hypotheses if one.id in log.found.p_values]
-        p_value = min(p_value, alarm.of_unscored(log.data, base, testable)[0])
+        unscored, _ = alarm.of_unscored(log.data.wheels, log.block, testable, lambda: (log.data, base))
+        p_value = min(p_value, unscored)
     return Alarm(raised=p_value < criteria.LEVEL, p_value=p_value, level=criteria.LEVEL)
 
 
