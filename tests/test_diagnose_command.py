@@ -283,7 +283,7 @@ def test_few_test_points_are_not_said_to_miss_nothing(tmp_path, terrain_est_here
     done = terrain_est_here("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.3, 0.45, 0.6]), "-q")
     assert done.returncode == 0, done.stderr
     sentence = done.stdout.splitlines()[0]
-    assert sentence.startswith("Probably slip-sinkage ")
+    assert sentence.startswith("Probable cause: slip-sinkage ")
     assert "but 5 independent stretches of data are too few to be sure of the name" in sentence
     assert "Nothing is missing" not in done.stdout
 

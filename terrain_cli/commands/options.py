@@ -220,8 +220,8 @@ at_stress = value(
 robust = click.option(
     "--robust",
     is_flag=True,
-    help="Give samples far from the fit less weight: for logs in which more than a tenth of them are wild. "
-    "Fewer are left out anyway.",
+    help="Give outliers less weight, where they are more than a tenth of the samples. Fewer are left out "
+    "anyway.",
 )
 crs = click.option(
     "--crs",

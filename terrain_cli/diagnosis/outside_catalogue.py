@@ -241,7 +241,7 @@ def _told(base: Refit, one: Tried, misfit: float, head: str, same: Sequence[str]
         form=draft.form,
         explained=explained,
         law=draft.in_words(same) + ", or the soil varies along the drive" * draft.along,
-        sentence=f"{head}: {does}, which accounts for {explained:.0%} of the misfit."
+        sentence=f"{head}: {does}, which explains {explained:.0%} of the misfit."
         + " A soil that varies along the drive looks much the same." * draft.along,
         draft=draft.text,
         alternatives=tuple(same),

@@ -93,14 +93,14 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
         return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
     if diagnosis.verdict == "none":
-        return _too_few(diagnosis) or "No effect that these data can show improves the fit beyond chance."
+        return _too_few(diagnosis) or "The data show no missing effect."
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
     named = {one.effect: one for one in diagnosis.candidates}
     first = named[diagnosis.family[0]]
     if diagnosis.verdict == "effect":
-        return f"{seen}Most likely {_told(first)}."
+        return f"{seen}Most likely cause: {_told(first)}."
     return seen + _family(diagnosis, first)
 
 
@@ -111,16 +111,17 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     if diagnosis.comparison.stretch is not None and most <= criteria.STEPS_SHARE:
         return f"No effect explains most of it: {listed(diagnosis.family, 'or')} at most {most:.0%}."
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
-    told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
+    told = _told(first)
     if diagnosis.together:
         both = listed(diagnosis.together)
         both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
         if diagnosis.together_or:
             pairs = listed([" with ".join(pair) for pair in diagnosis.together_or], "or")
-            both += f" So may {pairs}: these data cannot tell."
+            both += f" So may {pairs}: these data cannot tell which."
         better = f" {both}"
         if first.effect == STRESSES == diagnosis.together[0]:
-            return f"{told} together with {listed(others, 'or')} explain more than any effect alone."
+            both = f"{told} together with {listed(others, 'or')} explain more than any effect alone."
+            return f"{both[0].upper()}{both[1:]}"
         if {*diagnosis.together} == {first.effect, *others}:
             return both
     if not others:
@@ -130,7 +131,7 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
             if blocks < comparison_criteria.FEWEST_BLOCKS
             else "another effect may be missing too, or this drive does not rule out all others"
         )
-        return f"Probably {_told(first)}, but {doubt}.{better}"
+        return f"Probable cause: {told}, but {doubt}.{better}"
     doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
     doubtful = [
         f"{name} ({doubts[name]})" for name in others if name in doubts and first.effect not in doubts
@@ -139,10 +140,10 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     others = [name for name in others if name not in doubtful]
     if doubtful:
         also = listed(doubtful)
-        better = f" {also[0].upper()}{also[1:]} would explain it too, but with a doubtful size.{better}"
+        better = f" {also[0].upper()}{also[1:]} would explain it too, but with an implausible size.{better}"
     if not others:
-        return f"Probably {_told(first)}.{better}"
-    return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
+        return f"Probable cause: {told}.{better}"
+    return f"Possible causes: {listed([told, *others], 'or')}; these data cannot tell which.{better}"
 
 
 def _too_few(diagnosis: Diagnosis) -> str:
@@ -161,7 +162,7 @@ def _too_few(diagnosis: Diagnosis) -> str:
         else ""
     )
     data = counted(blocks, "independent stretch", "es")
-    return f"The model misses {listed(off)} of its size, which {data} of data cannot tell from chance{table}."
+    return f"The model misses {listed(off)} of its size, but {data} of data are too few to prove it{table}."
 
 
 def with_draft(sentence: str, path: str) -> str:
