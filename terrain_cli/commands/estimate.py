@@ -115,8 +115,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     table to read is on stderr.
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
-    input. Each row carries standard errors and a status; where c and φ cannot be told apart it
-    says not-separable, and the strength at the stress σ* holds as far as its error says.
+    input. Each row has standard errors and a status, which says whether c and φ can be used;
+    where c and φ cannot be told apart (not-separable), the strength at the stress σ* may be known.
     """
     import formats
     from terrain_cli.presentation import segment_files

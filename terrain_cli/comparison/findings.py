@@ -349,7 +349,7 @@ def _where(shape: Shape, label: str, unit: str) -> str:
         "stretch": f" from {at} to {_at(shape.until, shape.driver, unit)}",
         "quadratic": f" at both ends of {driver}, {low} and {high}, compared with the middle",
         "periodic": f", {'once' if times == 1 else f'{times} times'} in a turn of the wheel",
-        "saturating": f"{along}; most of it within the first {at}",
+        "saturating": f"{along}, most of it below {_at(shape.low + (shape.at or 0.0), shape.driver, unit)}",
     }
     return told.get(shape.name, along)
 

@@ -15,6 +15,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     noise_with,
     over_noise,
     share_taken,
+    too_few,
 )
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
@@ -267,7 +268,7 @@ def _unexplained(
         why = "no recorded channel tracks the misfit"
         if found.tracked:
             why = "the residuals are systematic, but no effect explains them significantly"
-        why = f"{_too_few(found)} to show why" if few else why
+        why = f"{too_few(found.blocks)} to show why" if few else why
     then = f"Next: {command}" if command else _record(found, few=few)
     drive = found.drive if _refused(found) and not command else ""
     if drive:
@@ -283,7 +284,7 @@ def _unexplained(
 def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few: bool) -> Conclusion:
     if few:
         size = f" {_size(above)[0].upper()}{_size(above)[1:]}." if above else ""
-        told = f"{_too_few(found)} to tell whether the model misses something.{size}"
+        told = f"{too_few(found.blocks)} to tell whether the model misses something.{size}"
         return Conclusion("undecided", f"{told} {_more(found)}")
     of = listed(list(found.ratios)) if found.ratios else "the sensors"
     told = f"The data show no missing effect, but the noise of {of} is not known: repeat some test points."
@@ -295,11 +296,6 @@ def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few
 
 def _more(found: Evidence) -> str:
     return "Measure more test points." if found.points else "Record a longer drive."
-
-
-def _too_few(found: Evidence) -> str:
-    verb = "is" if found.blocks == 1 else "are"
-    return f"{counted(found.blocks, 'independent stretch', 'es')} of data {verb} too few"
 
 
 def _size(above: Mapping[str, float]) -> str:

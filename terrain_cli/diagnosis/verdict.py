@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.comparison.findings import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise, too_few
 from terrain_cli.models import STRESSES
-from terrain_cli.vocabulary.quantities import counted, listed, short
+from terrain_cli.vocabulary.quantities import listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -93,7 +94,7 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
         return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
     if diagnosis.verdict == "none":
-        return _too_few(diagnosis) or "The data show no missing effect."
+        return _nothing(diagnosis)
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
@@ -127,7 +128,7 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     if not others:
         blocks = diagnosis.comparison.blocks
         doubt = (
-            f"{blocks} independent stretches of data are too few to be sure of the name"
+            f"{too_few(blocks)} to be sure"
             if blocks < comparison_criteria.FEWEST_BLOCKS
             else "another effect may be missing too, or this drive does not rule out all others"
         )
@@ -146,23 +147,23 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     return f"Possible causes: {listed([told, *others], 'or')}; these data cannot tell which.{better}"
 
 
-def _too_few(diagnosis: Diagnosis) -> str:
-    """Say by how much the model is off where there are too few data to tell noise from what is missing."""
+def _nothing(diagnosis: Diagnosis) -> str:
+    """Say that no effect shows; of too few data, by how much the model is off."""
     blocks = diagnosis.comparison.blocks
     off = [
         f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
         for one in diagnosis.comparison.channels.values()
         if not math.isfinite(one.noise) and one.nrmse > criteria.LARGE_ERROR
     ]
-    if blocks >= comparison_criteria.FEWEST_BLOCKS or not off:
-        return ""
-    table = (
-        "; the table shows what each effect would leave"
-        if any(one.refitted for one in diagnosis.candidates)
-        else ""
-    )
-    data = counted(blocks, "independent stretch", "es")
-    return f"The model misses {listed(off)} of its size, but {data} of data are too few to prove it{table}."
+    if off and blocks < comparison_criteria.FEWEST_BLOCKS:
+        table = "; the table shows what each effect would leave"
+        table *= any(one.refitted for one in diagnosis.candidates)
+        return f"The model misses {listed(off)} of its size, but {too_few(blocks)} to prove it{table}."
+    if blocks < criteria.BLOCKS_OF_ALARM:
+        return f"{too_few(blocks)} to tell whether the model misses something."
+    if above_noise(over_noise(diagnosis.comparison)):
+        return "No effect explains the misfit."
+    return "The data show no missing effect."
 
 
 def with_draft(sentence: str, path: str) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.diagnosis import conclusion
+from terrain_cli.diagnosis.diagnosis_outcome import too_few
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import held_out_error
@@ -89,10 +90,7 @@ def found(step: Step) -> str:
 
 def _found(step: Step) -> str:
     if not step.testable:
-        n = step.evidence.blocks
-        return (
-            f"only {counted(n, 'independent stretch', 'es')} of data: too few to tell an effect from chance"
-        )
+        return f"{too_few(step.evidence.blocks)} to test an effect"
     if step.evidence.lost > comparison_criteria.UNPREDICTED:
         return f"{step.evidence.lost:.0%} of the samples cannot be predicted any more"
     moved: list[str] = []

@@ -43,7 +43,7 @@ _OWN = """\
 # position = [x, y, z]  # m forward, left and up of one point of the body; {why}
 """
 _FOR_LOADS = "only for loads from a [vehicle]"
-_IN_TURNS = "in turns each wheel has a speed of its own"
+_IN_TURNS = "needed in turns, where each wheel has its own speed"
 _SHARED = "[channels]"
 _EFFORT = "effort may be the torque at the wheel, or the current of a [motor]; keep the line that is right"
 

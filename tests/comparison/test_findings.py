@@ -51,8 +51,8 @@ STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
             -0.2,
             "°C",
             (
-                "the model predicts 0.2 N m too much torque at motor temperature 60 °C, compared with 20 °C; "
-                "most of it within the first 5 °C"
+                "the model predicts 0.2 N m too much torque at motor temperature 60 °C, compared with 20 °C, "
+                "most of it below 25 °C"
             ),
         ),
     ],

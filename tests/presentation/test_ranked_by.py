@@ -28,10 +28,11 @@ def test_those_that_are_marked_come_before_the_others():
 
 
 def test_a_plainer_first_one_is_told():
-    several = [candidate("a", -2.9), candidate("b", -3.0), candidate("c", -1.0)]
+    several = [candidate("a", -2.9, in_family=True), candidate("b", -3.0), candidate("c", -1.0)]
     assert diagnosis_text.ranked_by(several) == ["plainer", "loss", "loss"]
     told = "b is not significantly better than a, but has more parameters"
     assert diagnosis_text.order(several) == [told]
+    assert diagnosis_text.order([candidate("a", -2.9), *several[1:]]) == []
 
 
 def test_a_doubted_one_with_less_loss_makes_the_first_no_plainer():
