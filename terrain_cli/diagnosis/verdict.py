@@ -107,44 +107,49 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
 
 def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     """Say what remains of several effects, or of one that is not sure."""
-    others = list(diagnosis.family[1:])
     most = max((one.explained for one in diagnosis.candidates if one.in_family), default=math.nan)
     if diagnosis.comparison.stretch is not None and most <= criteria.STEPS_SHARE:
         return f"No effect explains most of it: {listed(diagnosis.family, 'or')} at most {most:.0%}."
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     told = _told(first)
-    if diagnosis.together:
-        both = listed(diagnosis.together)
-        both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
-        if diagnosis.together_or:
-            pairs = listed([" with ".join(pair) for pair in diagnosis.together_or], "or")
-            both += f" So may {pairs}: these data cannot tell which."
-        better = f" {both}"
-        if first.effect == STRESSES == diagnosis.together[0]:
-            both = f"{told} together with {listed(others, 'or')} explain more than any effect alone."
-            return f"{both[0].upper()}{both[1:]}"
-        if {*diagnosis.together} == {first.effect, *others}:
-            return both
-    if not others:
-        blocks = diagnosis.comparison.blocks
-        doubt = (
-            f"{too_few(blocks)} to be sure"
-            if blocks < comparison_criteria.FEWEST_BLOCKS
-            else "another effect may be missing too, or this drive does not rule out all others"
-        )
-        return f"Probable cause: {told}, but {doubt}.{better}"
     doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
-    doubtful = [
-        f"{name} ({doubts[name]})" for name in others if name in doubts and first.effect not in doubts
-    ]
-    others = [f"{name} ({doubts[name]})" if name in doubts else name for name in others]
-    others = [name for name in others if name not in doubtful]
+    named = {name: f"{name} ({doubts[name]})" if name in doubts else name for name in diagnosis.family[1:]}
+    doubtful = [name for name in named if name in doubts and first.effect not in doubts]
+    others = [text for name, text in named.items() if name not in doubtful]
     if doubtful:
-        also = listed(doubtful)
+        also = listed([named[name] for name in doubtful])
         better = f" {also[0].upper()}{also[1:]} would explain it too, but with an implausible size.{better}"
-    if not others:
+    if diagnosis.together:
+        return _together(diagnosis, told, others, better)
+    if others:
+        return f"Possible causes: {listed([told, *others], 'or')}; these data cannot tell which.{better}"
+    if doubtful:
         return f"Probable cause: {told}.{better}"
-    return f"Possible causes: {listed([told, *others], 'or')}; these data cannot tell which.{better}"
+    blocks = diagnosis.comparison.blocks
+    doubt = (
+        f"{too_few(blocks)} to be sure"
+        if blocks < comparison_criteria.FEWEST_BLOCKS
+        else "another effect may be missing too, or this drive does not rule out all others"
+    )
+    return f"Probable cause: {told}, but {doubt}.{better}"
+
+
+def _together(diagnosis: Diagnosis, told: str, others: Sequence[str], doubtful: str) -> str:
+    """Say what two effects explain, and what any does alone; `told` is of the best of these."""
+    if diagnosis.family[0] == STRESSES == diagnosis.together[0]:
+        both = (
+            f"{told} together with {listed(diagnosis.family[1:], 'or')} explain more than any effect alone."
+        )
+        return f"{both[0].upper()}{both[1:]}"
+    both = listed(diagnosis.together)
+    both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
+    if diagnosis.together_or:
+        pairs = listed([" with ".join(pair) for pair in diagnosis.together_or], "or")
+        both += f" So may {pairs}: these data cannot tell which."
+    if {*diagnosis.together} == {*diagnosis.family}:
+        return both
+    are = "s are" if others else " is"
+    return f"{both} The best single effect{are} {listed([told, *others])}.{doubtful}"
 
 
 def _nothing(diagnosis: Diagnosis) -> str:

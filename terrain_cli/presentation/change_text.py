@@ -79,8 +79,9 @@ def doubt(step: Step) -> str:
     what = f"these data cannot tell it from {listed(step.rivals, 'or')}"
     if step.next_drive is None:
         return what
-    power = f" (power {step.next_drive.power:.0%})" if step.next_drive.settings else ""
-    return f"{what}: {step.next_drive.manoeuvre}{power}"
+    if not step.next_drive.settings:
+        return f"{what}: {step.next_drive.manoeuvre}"
+    return f"{what}; to tell, {step.next_drive.manoeuvre} (power {step.next_drive.power:.0%})"
 
 
 def found(step: Step) -> str:

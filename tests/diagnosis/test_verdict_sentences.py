@@ -102,3 +102,12 @@ def test_two_that_are_missing_together_are_no_alternatives():
     assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4), "family", pair), []) == (
         "Gear-efficiency and slope together explain more than any effect alone."
     )
+
+
+def test_beside_a_pair_the_best_single_effects_are_named():
+    log = diagnosed((0.4, 5.0, 6e-4), "family", ("gear-efficiency", "slope"))
+    log.family = ("gear-efficiency", "crust")
+    assert verdict.sentence(log, []) == (
+        "Gear-efficiency and slope together explain more than any effect alone. "
+        "The best single effects are gear-efficiency and crust."
+    )

@@ -130,7 +130,7 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
     assert kept.rivals == ("drivetrain-friction", "load-bias")
     assert kept.next_drive.manoeuvre == "drive for slip-sinkage"
     assert (
-        "kept slip-sinkage; these data do not tell it from drivetrain-friction and load-bias: "
+        "kept slip-sinkage; these data cannot tell it from drivetrain-friction or load-bias; to tell, "
         "drive for slip-sinkage" in change_text.loop_text([*refused, kept], end)
     )
     # Where its rivals are in the model too, nothing is in doubt.

@@ -330,7 +330,7 @@ def _failures(content: _Content) -> Section:
     )
     text = [legend]
     if not rows:
-        text.insert(0, "No recorded channel tracks the misfit beyond what noise and changing soil explain.")
+        text.insert(0, "No recorded channel tracks the misfit.")
     return Section(id="failures", title="Where it fails", text=text, parts=parts)
 
 
