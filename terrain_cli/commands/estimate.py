@@ -242,7 +242,7 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
             )
     if given["segments"] == "fixed" and given["window_samples"] is None:
         raise UsageError(
-            "--follow counts fixed windows in samples",
+            "--follow counts fixed segments in samples",
             hint="give --window-samples N, or leave out --segments fixed",
         )
     settings = options.settings(given)

@@ -143,7 +143,7 @@ def _text(document: dict[str, Any]) -> list[str]:
         lines += [f"      {effect['formula']}"] * bool(effect["formula"])
     rows = [("parameter", "unit", "", "meaning")]
     for name, entry in document["parameters"].items():
-        state = f"estimated for each {entry['per']}"
+        state = f"estimated for each {entry['per'].replace('window', 'segment')}"
         if entry["held"] is not None:
             state = f"held at {entry['held']:g}"
         elif entry["prior"]:

@@ -107,8 +107,8 @@ def order(candidates: Sequence[Candidate], together: Sequence[str] = ()) -> list
     if any(one.in_family for one in candidates[1:]):
         why = "named in the first line" if together else "these data cannot tell them from the best"
         told.append(f"order: the best, then those marked * ({why}), then the others")
-    first, second = (*candidates, None, None)[:2]
-    if second and first.in_family and ranked_by(candidates)[0] == "plainer":
+    if len(candidates) > 1 and candidates[0].in_family and ranked_by(candidates)[0] == "plainer":
+        first, second = candidates[:2]
         told.append(
             f"{second.effect} is not significantly better than {first.effect}, but has more parameters"
         )
