@@ -222,11 +222,11 @@ def verdict(
         much = much or not CHANNELS.keys() >= {*sources(tried[0].draft.driver or "time")}
         matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
         alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
-        better = "A sensor's error" if tried[0].draft.of_sensor else "A law of one driver"
-        head = "No effect of the catalogue explains it" if alone else f"{better} predicts it better"
+        better = "A sensor's error" if tried[0].draft.of_sensor else "A drafted law"
+        head = "No effect of the catalogue explains it" if alone else f"{better} predicts better"
         return _told(base, tried[0], misfit, head, same), alone
     if rival is not None and misfit > 0.0:
-        return _told(base, rival, misfit, "A sensor's error predicts it as well"), False
+        return _told(base, rival, misfit, "A sensor's error predicts as well"), False
     return None, False
 
 

@@ -118,7 +118,7 @@ def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
     lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
     measured = {name for wheel in wheels for name in wheel.measured}
     if lacking:
-        return f"needs {' and '.join(sorted(lacking))}, which neither the data nor rover.toml give"
+        return f"needs {' and '.join(sorted(lacking))}"
     only = UNITS.keys() & effect.laws.keys()
     if only and len(only) == len(effect.laws) and not only & measured:
         return f"shows only in {' and '.join(sorted(only))}, which is not measured".replace("_", " ")

@@ -117,8 +117,7 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     doubtful = [name for name in named if name in doubts and first.effect not in doubts]
     others = [text for name, text in named.items() if name not in doubtful]
     if doubtful:
-        also = listed([named[name] for name in doubtful])
-        better = f" {also[0].upper()}{also[1:]} would explain it too, but with an implausible size.{better}"
+        better = f" Not credible: {listed([named[name] for name in doubtful])}.{better}"
     if diagnosis.together:
         return _together(diagnosis, told, others, better)
     if others:

@@ -79,8 +79,8 @@ def test_of_a_family_those_of_a_doubtful_size_are_marked():
         SimpleNamespace(effect="crust", sizes={}, doubt="at its bound", in_family=True, explained=0.9)
     )
     assert verdict.sentence(found, []) == (
-        "Possible causes: gear-efficiency or slope; these data cannot tell which. Crust (at its bound) would "
-        "explain it too, but with an implausible size."
+        "Possible causes: gear-efficiency or slope; these data cannot tell which. "
+        "Not credible: crust (at its bound)."
     )
 
 
