@@ -261,7 +261,7 @@ def test_steady_points_are_shown_along_slip_and_not_joined(run):
 
 
 def test_units_of_headings_are_not_broken(outline):
-    assert "Misfit of T (N\N{NO-BREAK SPACE}m)" in outline.texts["th"]
+    assert "Rms error of T (N\N{NO-BREAK SPACE}m)" in outline.texts["th"]
 
 
 def test_one_name_for_all_segments_is_no_legend(comparison):
