@@ -220,7 +220,7 @@ def test_first_scores_are_told_before_the_refits_and_leave_stdout_as_it_is(done)
     assert "first scores" in done["heated"].stderr
     assert done["sinks"].stderr == ""
     head, *scores = loud.stderr.splitlines()
-    assert re.fullmatch(r"first scores of \d+ effects, in standard errors, before any is fitted:", head)
+    assert re.fullmatch(r"first scores of \d+ effects, in standard errors, before any fit:", head)
     found = [re.fullmatch(r"  (\S+) +(\d+\.\d)  p 0\.\d{4}", line) for line in scores]
     assert found[0][1] == "slip-sinkage"
     sizes = [float(one[2]) for one in found]

@@ -248,7 +248,7 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
     settings = options.settings(given)
     if given["again"] and estimators.choose(settings.method, settings.model, robust=settings.robust) is None:
         raise UsageError(
-            "--again is for the full model: by an estimator of the line, later segments change nothing",
+            "--again is for the full model: with the linear model, later segments change nothing",
             hint="leave out --again or --method",
         )
     shown = given["output"] is None and not given["csv"] and sys.stdout.isatty()

@@ -160,7 +160,7 @@ def early(found: Screened) -> str:
     lines = [f"  {name:{width}}  {found.scores[name]:5.1f}  p {found.p_values[name]:.4f}" for name in shown]
     if not lines:
         return "first scores: none, no effect can be tested on these data"
-    head = f"first scores of {len(known)} effects, in standard errors, before any is fitted:"
+    head = f"first scores of {len(known)} effects, in standard errors, before any fit:"
     return "\n".join([head, *lines])
 
 
