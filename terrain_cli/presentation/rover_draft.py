@@ -24,8 +24,7 @@ _TOP = """\
 # rover.toml for {name}, drafted from what the log holds.
 # Still to fill in: {left}.
 # Write each value in place of its …, and remove the # before it. Delete the lines that you do not need.
-# Each channel is shown with its range. Where its unit is not stated and is another than the one taken,
-# add unit = "…".
+# Each channel is shown with its range. If the unit taken is wrong, add unit = "…".
 """
 _WHEEL = """\
 [wheel]
