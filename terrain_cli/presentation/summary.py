@@ -200,9 +200,8 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 LISTED = 40
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
-    "missed": "the residuals of {} are systematic: the soil varies there, or an effect is missing",
-    "moved": "the residuals of {} look like a missing effect that shifts c, φ or strength by more than its "
-    "error; try `terrain-est diagnose`",
+    "missed": "the residuals of {} are systematic",
+    "moved": "the residuals of {} look like a missing effect that shifts c, φ or strength beyond its error",
     "unsettled": "the fit did not converge in {}",
 }
 _HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")
@@ -216,8 +215,7 @@ MEANINGS = {
     "out-of-range": "c is negative or φ is outside 0 to 60°: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the limit of its plausible range; try `terrain-est diagnose`",
     "prior-bound": "the data do not determine c or φ (left empty)",
-    "model-misses": "the residuals are systematic: the soil varies, or an effect is missing; c and φ may be "
-    "off; try `terrain-est diagnose`",
+    "model-misses": "the soil varies or an effect is missing: c and φ may be off; try `terrain-est diagnose`",
     "too-few-samples": "segments with fewer samples than --min-samples",
 }
 
