@@ -344,7 +344,7 @@ class _Columns:
         if self.testable[columns].any():
             return ""
         if not self.raw[columns].any():
-            return "the input of the effect is constant in these data"
+            return "no influence in these data"
         if not (self.scores.surviving[columns] > criteria.SIGNATURE_SURVIVES).any():
             return "a change of soil looks the same in these data"
         if not self.noise_known:
