@@ -147,8 +147,8 @@ class Follow:
         model = f" --model {shlex.quote(str(self._settings.model))}"
         log = "LOG" if self._rows.path == "-" else shlex.quote(self._rows.path)
         return (
-            f"{the_wheel(part.wheel)}: the model predicts {size} too {'little' if alarm.size > 0.0 else 'much'} "
-            f"{alarm.channel.replace('_', ' ')} since {when}. Next: terrain-est diagnose {log}{model}"
+            f"{the_wheel(part.wheel)}: the model predicts {size} too "
+            f"{'little' if alarm.size > 0.0 else 'much'} {alarm.channel.replace('_', ' ')} since {when}. Next: terrain-est diagnose {log}{model}"
         )
 
     def _tell(self) -> None:
