@@ -148,7 +148,8 @@ class Follow:
         log = "LOG" if self._rows.path == "-" else shlex.quote(self._rows.path)
         return (
             f"{the_wheel(part.wheel)}: the model predicts {size} too "
-            f"{'little' if alarm.size > 0.0 else 'much'} {alarm.channel.replace('_', ' ')} since {when}. Next: terrain-est diagnose {log}{model}"
+            f"{'little' if alarm.size > 0.0 else 'much'} {alarm.channel.replace('_', ' ')} since {when}. "
+            f"Next: terrain-est diagnose {log}{model}"
         )
 
     def _tell(self) -> None:
