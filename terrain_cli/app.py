@@ -117,7 +117,7 @@ def cli() -> None:
     """Estimate the soil under a wheel from rover telemetry.
 
     Reads load, torque, sinkage and slip from CSV, Parquet and ROS 1 and ROS 2 bags, cuts them into
-    windows of homogeneous terrain, and gives cohesion c and internal friction angle φ of each with
+    segments of homogeneous terrain, and gives cohesion c and internal friction angle φ of each with
     their uncertainty.
 
     Where the wheel–soil model does not fit, compare shows where it fails, diagnose names the physical

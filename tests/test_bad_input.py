@@ -322,7 +322,7 @@ def test_a_topic_with_no_definition(folder, run, refused):
     code, out, err = run("inspect", "run.bag")
     assert (code, err) == (0, "")
     assert "/odom cannot be read: lost_msgs/msg/Own: the file has no definition of it" in out
-    assert "nothing measures it, and there is no velocity to derive it from" in out
+    assert "not measured, and there is no velocity to derive it from" in out
     refused("run.bag", 65, "nothing gives slip", "velocity = { topic = ")
     # Asked for, it is said why it cannot be had.
     with (folder / "rover.toml").open("a") as file:

@@ -260,7 +260,7 @@ def test_a_pull_of_the_other_sign_is_named_and_its_line_mends_it(folder, tmp_pat
     table.assign(drawbar_pull=-table["drawbar_pull"]).to_csv(tmp_path / "run.csv", index=False)
     (tmp_path / "rover.toml").write_text(ROVER)
     before = terrain_est_here("compare", "run.csv", "-q", cwd=tmp_path).stdout
-    assert "and the sign of drawbar pull may be wrong: if so, put the line that the note gives" in before
+    assert "and the sign of drawbar pull may be wrong: if so, put the line of the note" in before
     assert before.endswith("Next: terrain-est compare run.csv\n")
     line = before.partition("way round, ")[2].partition(" under [channels]")[0]
     (tmp_path / "rover.toml").write_text(f"{ROVER}[channels]\n{line}\n")

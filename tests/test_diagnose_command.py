@@ -220,7 +220,7 @@ def test_first_scores_are_told_before_the_refits_and_leave_stdout_as_it_is(done)
     assert "first scores" in done["heated"].stderr
     assert done["sinks"].stderr == ""
     head, *scores = loud.stderr.splitlines()
-    assert re.fullmatch(r"first scores of \d+ effects, in standard errors, before any is fitted:", head)
+    assert re.fullmatch(r"first scores of \d+ effects, in standard errors, before any fit:", head)
     found = [re.fullmatch(r"  (\S+) +(\d+\.\d)  p 0\.\d{4}", line) for line in scores]
     assert found[0][1] == "slip-sinkage"
     sizes = [float(one[2]) for one in found]
@@ -283,8 +283,8 @@ def test_few_test_points_are_not_said_to_miss_nothing(tmp_path, terrain_est_here
     done = terrain_est_here("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.3, 0.45, 0.6]), "-q")
     assert done.returncode == 0, done.stderr
     sentence = done.stdout.splitlines()[0]
-    assert sentence.startswith("Probably slip-sinkage ")
-    assert "but 5 independent stretches of data are too few to be sure of the name" in sentence
+    assert sentence.startswith("Probable cause: slip-sinkage ")
+    assert "but 5 independent stretches of data are too few to be sure" in sentence
     assert "Nothing is missing" not in done.stdout
 
 
@@ -294,7 +294,7 @@ def test_six_points_that_sink_the_deeper_the_more_they_slip(tmp_path, terrain_es
     found = json.loads(done.stdout)
     assert (found["verdict"], found["effect"]) == ("family", None)
     assert found["family"][0] == "slip-sinkage"
-    assert "6 independent stretches of data are too few to be sure of the name" in found["sentence"]
+    assert "6 independent stretches of data are too few to be sure" in found["sentence"]
 
 
 @pytest.mark.parametrize(

@@ -326,7 +326,7 @@ def test_the_pipes_of_the_page_work(example, bin_folder, tmp_path, lines):
         (["a.csv", "-o", "soil.gpkg"], 2, "-o soil.gpkg: a table that grows cannot be .gpkg"),
         (["a.csv", "--trace", "steps.csv"], 2, "--trace needs the whole log"),
         (["a.csv", "--summary", "soil.json"], 2, "--summary needs the whole log"),
-        (["a.csv", "--segments", "fixed", "--window-distance", "2"], 2, "counts fixed windows in samples"),
+        (["a.csv", "--segments", "fixed", "--window-distance", "2"], 2, "counts fixed segments in samples"),
         (["a.csv", "--again", "--method", "ridge"], 2, "--again is for the full model"),
         (["a.csv", "--every", "1x"], 2, "1x is no time, such as 500ms, 1s or 10min"),
         (["a.csv", "--every", "0s"], 2, "0.0 is not in the range"),

@@ -57,7 +57,7 @@ def test_a_bag(run):
     (head,) = (line for line in lines if line.startswith("wheel front-right:"))
     assert head == (
         "wheel front-right: 1110 of 1180 samples can be used, 20.0 Hz over 60.0 s, 5.69 m, "
-        "3 stretches between gaps, the largest 1.05 s"
+        "3 stretches, largest gap 1.05 s"
     )
     assert "sinkage 0.0047 … 0.02214 m 30 /front_right/sinkage data in m (rover.toml)" in lines
     assert "slip derived from angular velocity and velocity" in lines
@@ -137,7 +137,7 @@ def test_without_rover_toml_it_says_what_to_write(run, tmp_path, monkeypatch):
     lines = squeezed(out)
     start = lines.index("missing for an estimate:")
     assert lines[start + 1 : start + 4] == [
-        "torque nothing measures it, and there is no motor current",
+        "torque not measured, and there is no motor current",
         "geometry the radius and width of the wheel",
         "shear modulus the shear modulus of the soil",
     ]
@@ -161,10 +161,10 @@ def test_what_is_missing_of_one_wheel_only(tmp_path):
     document = inspect(str(path), rovers.load(tmp_path / "rover.toml"))
     assert [wheel["missing"] for wheel in document["wheels"]] == [
         [],
-        [{"what": "torque", "because": "nothing measures it, and there is no motor current"}],
+        [{"what": "torque", "because": "not measured, and there is no motor current"}],
     ]
     assert document["rover_toml"].startswith('[wheels.r.channels]\ntorque = { column = "…", unit = "N m" }')
-    assert "torque  nothing measures it, and there is no motor current (wheel r)" in text(document)
+    assert "torque  not measured, and there is no motor current (wheel r)" in text(document)
 
 
 def test_sources_none_of_which_can_be_preferred(tmp_path, rover_file):
@@ -228,8 +228,7 @@ def test_a_table_that_means_nothing_is_still_described(run, tmp_path):
     assert "run.csv: text table, 3 rows" in out
     assert "columns: when, what (text)" in out
     assert (
-        "slip           nothing measures it, and there is no angular_velocity or velocity to derive it from"
-        in out
+        "slip           not measured, and there is no angular_velocity or velocity to derive it from" in out
     )
 
 
@@ -265,7 +264,7 @@ JOINT = 'topic = "/fake_joints_state", field = "effort", name = "joint_5"'
         ("cmu-smooth-wheel.csv", "text table, 189 rows"),
         ("cmu-smooth-wheel.csv", "wheel smooth: 189 samples"),
         ("cmu-smooth-wheel.csv", "no drawbar pull is read; if Fx_tractive_N is one, write into rover.toml:"),
-        ("cmu-smooth-wheel.csv", "torque nothing measures it, and there is no motor current"),
+        ("cmu-smooth-wheel.csv", "torque not measured, and there is no motor current"),
         ("digitised-smooth-wheels.csv", "torque 0 … 5.3 N m meas_torque_nm in N m"),
         ("digitised-smooth-wheels.csv", "geometry the radius and width of the wheel"),
         ("borealtc-mixed-pro_00.csv", "terrain FLOORING, ASPHALT, SNOW 4436 terrain"),
@@ -274,7 +273,7 @@ JOINT = 'topic = "/fake_joints_state", field = "effort", name = "joint_5"'
         ("bags/robot_localization_test1.bag", "rad/s /imu/data angular_velocity.z in rad/s"),
         (
             "bags/robot_localization_test1.bag",
-            "slip nothing measures it, and there is no angular_velocity to derive it from",
+            "slip not measured, and there is no angular_velocity to derive it from",
         ),
         (
             "bags/plotjuggler_fake_joint_state.bag",
@@ -351,10 +350,10 @@ def test_a_torque_that_no_soil_takes_is_doubted(run, tmp_path):
     (tmp_path / "rover.toml").write_text(GEOMETRY, "utf-8")
     _, out, _ = run(tmp_path / "run.csv")
     # 3700 / (0.125 · 80); the lines to add are those of the error that an estimate ends with.
-    assert "torque is 370 times load times wheel radius, which no soil takes" in out
+    assert "torque is 370 times load times wheel radius, more than any soil can resist" in out
     assert '    torque = { column = "torque", unit = "N mm" }' in out
     (tmp_path / "run.csv").write_text("\n".join(rows).replace("torque", "torque [N mm]"), "utf-8")
-    assert "which no soil takes" not in run(tmp_path / "run.csv")[1]
+    assert "more than any soil can resist" not in run(tmp_path / "run.csv")[1]
 
 
 def test_a_bag_without_topics(run, tmp_path):

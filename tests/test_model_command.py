@@ -94,7 +94,7 @@ def test_show_says_what_is_held_and_what_is_needed(terrain_est_here, here):
     assert (shown.returncode, shown.stderr) == (0, "")
     assert shown.stdout.startswith("model.toml: base wong-reece\n  + slip-sinkage (")
     assert "held at 0.018" in shown.stdout
-    assert "estimated for each window, known as 1000 ± 500" in shown.stdout
+    assert "estimated for each segment, known as 1000 ± 500" in shown.stdout
     assert "slip-sinkage.n1" in shown.stdout
     assert "channels that the effects use: angular_velocity (if there)" in shown.stdout
     assert "  1. added slip-sinkage" in shown.stdout

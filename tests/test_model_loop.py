@@ -73,7 +73,7 @@ def test_it_ends_with_the_errors_that_compare_finds(terrain_est_here):
 def test_a_clean_log_leaves_the_file_as_it_is(terrain_est_here, here):
     done = terrain_est_here("model", "add", "model.toml", "--until-quiet", *CUT, "--data", "clean.csv")
     assert done.returncode == 0
-    assert done.stdout.startswith("model.toml: the alarm is silent")
+    assert done.stdout.startswith("model.toml: the data show no missing effect")
     assert (
         "The model fits to within the noise: the held-out error is at most 1.0"
         in done.stdout.splitlines()[-1]
@@ -143,7 +143,7 @@ class TestDrafts:
     def test_without_a_place_the_loop_stops(self, run, here):
         told = run(DIGS)
         assert told.startswith(
-            "model.toml: sinkage follows slip; no draft was asked for; the model is as it was"
+            "model.toml: sinkage follows slip; --draft FILE.toml adds this law; the model is as it was"
         )
         assert (here / "model.toml").read_text("utf-8") == MODEL
 

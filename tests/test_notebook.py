@@ -51,7 +51,7 @@ def test_links_lead_somewhere():
 def test_every_cell_shows_what_is_said_of_it(run):
     names, shown = run
     assert names["found"].effect == "slip-sinkage"
-    assert "Most likely slip-sinkage" in names["found"]._repr_html_()
+    assert "Most likely cause: slip-sinkage" in names["found"]._repr_html_()
     assert names["found"].candidates["effect"][0] == "slip-sinkage"
     assert names["trial"].kept
     assert list(names["soil"]["status"]) == ["model-misses"]

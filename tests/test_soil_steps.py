@@ -122,9 +122,9 @@ def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here,
         return done.stdout
 
     last = said("compare", "passes.csv", *halves, "-q").splitlines()[-1]
-    assert "but only with 2 soils: fewer may do with multi-pass. Next: " in last
+    assert "but only with 2 soils; fewer may be enough with multi-pass. Next: " in last
     last = said("diagnose", "passes.csv", *halves, "-q").splitlines()[-1]
-    assert "with 1 soil in place of 2, the held-out error is " in last
+    assert "with 1 soil instead of 2, the held-out error is " in last
     assert "multi-pass explains it. A soil that changes at 12 s (" in last
     assert "drive beside this track in the opposite direction" in last
     said("model", "new", "model.toml")

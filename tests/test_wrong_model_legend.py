@@ -20,8 +20,8 @@ def table(strength, error, status="not-separable"):
 @pytest.mark.parametrize(
     ("strength", "error", "says"),
     [
-        ([3.0, 2.0], [0.1, 0.3], "k is uncertain; the strength holds within its error"),
-        ([3.0, 2.0], [0.1, 2.3], "k is uncertain; the strength holds where its error is small"),
+        ([3.0, 2.0], [0.1, 0.3], "k is uncertain; the strength is reliable within its error"),
+        ([3.0, 2.0], [0.1, 2.3], "k is uncertain; the strength is reliable where its error is small"),
         ([3.0, -2.0], [9.0, 0.3], "k is uncertain; the strength is not known either"),
         ([np.nan], [np.nan], "k is uncertain; the strength is not known either"),
     ],

@@ -145,7 +145,7 @@ def add_effect(
         The model, its file, or a base: "linear" or "wong-reece".
     effect : str or Path, or a sequence of them
         Id of the catalogue, the TOML file of an effect of your own, or an assumption of the base that
-        is lifted. Several are added together.
+        is then removed. Several are added together.
     data : Windows, Samples, path, DataFrame, or a sequence of them
         Samples that are not cut yet are cut by `segment`, with its defaults. Inputs of the same wheel
         are joined.

@@ -31,7 +31,7 @@ cutting = options.together(
     options.value(
         "--min-samples N",
         click.IntRange(3, options.MOST_SAMPLES),
-        f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
+        f"Fewest samples of a segment that auto cuts.  [{CUT_SAMPLES}]",
     ),
     options.window_distance,
     options.window_samples,

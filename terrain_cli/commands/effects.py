@@ -69,7 +69,7 @@ def list_effects(kind: str | None, as_json: bool) -> None:
     "show",
     "terrain-est effects show slip-sinkage",
     "terrain-est effects show max-stress-angle cable-drag.toml --json",
-    short_help="Show all about effects: law, parameters, trace in the errors, source.",
+    short_help="Show all about effects: law, parameters, signature in the errors, source.",
 )
 @click.argument("names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
 @options.as_json

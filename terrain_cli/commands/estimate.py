@@ -115,8 +115,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     table to read is on stderr.
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
-    input. Each row carries standard errors and a status; where c and φ cannot be told apart it
-    says not-separable, and the strength at the stress σ* holds as far as its error says.
+    input. Each row has standard errors and a status, which says whether c and φ can be used;
+    where c and φ cannot be told apart (not-separable), the strength at the stress σ* may be known.
     """
     import formats
     from terrain_cli.presentation import segment_files
@@ -242,13 +242,13 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
             )
     if given["segments"] == "fixed" and given["window_samples"] is None:
         raise UsageError(
-            "--follow counts fixed windows in samples",
+            "--follow counts fixed segments in samples",
             hint="give --window-samples N, or leave out --segments fixed",
         )
     settings = options.settings(given)
     if given["again"] and estimators.choose(settings.method, settings.model, robust=settings.robust) is None:
         raise UsageError(
-            "--again is for the full model: by an estimator of the line, later segments change nothing",
+            "--again is for the full model: with the linear model, later segments change nothing",
             hint="leave out --again or --method",
         )
     shown = given["output"] is None and not given["csv"] and sys.stdout.isatty()

@@ -143,7 +143,7 @@ def _text(document: dict[str, Any]) -> list[str]:
         lines += [f"      {effect['formula']}"] * bool(effect["formula"])
     rows = [("parameter", "unit", "", "meaning")]
     for name, entry in document["parameters"].items():
-        state = f"estimated for each {entry['per']}"
+        state = f"estimated for each {entry['per'].replace('window', 'segment')}"
         if entry["held"] is not None:
             state = f"held at {entry['held']:g}"
         elif entry["prior"]:
@@ -177,10 +177,10 @@ def _text(document: dict[str, Any]) -> list[str]:
 @options.plot("Write a picture of the errors into this folder, as PNG and SVG (extra: plot).")
 @options.quiet
 def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
-    """Show the ladder of errors of a model FILE: every effect added or removed, and what that did.
+    """Show every effect added to a model FILE or removed, and the errors before and after.
 
     Errors are rms errors on stretches of the data that were not fitted, with 95 % intervals, beside the
-    noise that no model could predict. A step may have been tried on other data than the one before.
+    noise, which no model can predict. A step may have been tried on other data than the one before.
     """
     from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_text

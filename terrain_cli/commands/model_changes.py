@@ -166,13 +166,13 @@ def _write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
 @click.option(
     "--until-quiet",
     is_flag=True,
-    help="Let the data choose: diagnose, add what pays, and again, until nothing is missing that the data "
-    "could tell. EFFECT… are then candidates beside the catalogue.",
+    help="Let the data choose: diagnose and add effects in turn, until the data show no missing effect. "
+    "EFFECT… are then candidates beside the catalogue.",
 )
 @options.value(
     "--draft FILE.toml|DIR",
     paths.OUTPUT,
-    "With --until-quiet: where to write an effect of your own for what no candidate explains.  [stop there]",
+    "With --until-quiet: where to write a law for what no candidate explains, to try it.  [stop there]",
 )
 @with_options
 @click.pass_context
@@ -180,11 +180,11 @@ def add(context: click.Context, /, **_: Any) -> None:
     """Add each EFFECT to the model FILE, if that makes the error on held-out data fall.
 
     EFFECT is an id of the catalogue (terrain-est effects list), the TOML file of an effect of your own
-    or of a draft, or an assumption of the base that is lifted. With --data the model is fitted without
-    and with it, c, φ and all, and both are compared on stretches of the data that were not fitted.
+    or of a draft, or an assumption of the base, which is then removed. With --data the model is fitted
+    without and with it, and both are compared on stretches of the data that were left out of the fit.
     Several are added together. FILE gets the effect and an entry of its history, which says what
-    judged the effect: stretches that may have helped to name it, stretches that were kept aside
-    (--keep-aside), or another drive (--confirm).
+    judged the effect: data that may have chosen it, stretches that were kept aside (--keep-aside), or
+    another drive (--confirm).
 
     FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
     channel, rises in one by more than it falls in others, or falls only with a parameter that is

@@ -178,15 +178,15 @@ segments = click.option(
     type=click.Choice(SEGMENTS),
     default=SEGMENTS[0],
     show_default=True,
-    help="Windows: where the soil changes, of a fixed length, by terrain label, or none.",
+    help="Cut segments where the soil changes, at a fixed length, by terrain label, or not at all.",
 )
 window_distance = value(
     "--window-distance M",
     POSITIVE,
-    f"Length of a window in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
+    f"Length of a segment in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
 )
 window_samples = value(
-    "--window-samples N", click.IntRange(3, MOST_SAMPLES), "Length of a fixed window in samples."
+    "--window-samples N", click.IntRange(3, MOST_SAMPLES), "Length of a fixed segment in samples."
 )
 where = click.option(
     "--where",
@@ -205,7 +205,7 @@ method = click.option(
 min_samples = value(
     "--min-samples N",
     click.IntRange(3, MOST_SAMPLES),
-    f"Fewest samples of a window.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
+    f"Fewest samples of a segment.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
 )
 folds = value(
     "--folds N",
@@ -220,8 +220,8 @@ at_stress = value(
 robust = click.option(
     "--robust",
     is_flag=True,
-    help="Give samples far from the fit less weight: for logs in which more than a tenth of them are wild. "
-    "Fewer are left out anyway.",
+    help="Give outliers less weight, where they are more than a tenth of the samples. Fewer are left out "
+    "anyway.",
 )
 crs = click.option(
     "--crs",

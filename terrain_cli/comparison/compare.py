@@ -113,10 +113,8 @@ def of_fitted(
     if not scale:
         warnings.append("the model predicts what was measured exactly: there is nothing to look for")
     elif count < criteria.FEWEST_BLOCKS:
-        warnings.append(
-            f"only {counted(count, 'independent stretch', 'es')} of data: "
-            "where the model fails cannot be told from chance"
-        )
+        stretches = counted(count, "independent stretch", "es")
+        warnings.append(f"only {stretches} of data: too few to tell where the model fails")
     elif findings:
         residuals = Residuals(fitted, made, scale)
         if chain is not None:
@@ -233,7 +231,7 @@ def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
                 yield (
                     f"{wheel.windows.samples.source}: {the_wheel(wheel.windows.samples.wheel)}: "
                     f"{name.replace('_', ' ')} cannot be predicted in {missing.sum()} of "
-                    f"{known.sum()} samples: the soil fitted does not carry the load, or a channel is missing"
+                    f"{known.sum()} samples: the fitted soil cannot carry the load, or a channel is missing"
                 )
 
 

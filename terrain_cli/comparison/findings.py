@@ -322,43 +322,36 @@ def sentence_of(
     what = quantity(channel, UNITS[channel])
     name, hidden = what.words, seen < criteria.HIDDEN
     size = f"{_number(abs(amplitude) * what.factor)} {what.unit}"
-    verb, more = ("under-predicted", "larger") if amplitude > 0.0 else ("over-predicted", "smaller")
-    text = f"a {name} {size} {more} than predicted" if hidden else f"{name} is {verb} by {size}"
-    driver = quantity(shape.driver, unit).words
-    low, high, at = (_at(value, shape.driver, unit) for value in (shape.low, shape.high, shape.at or 0.0))
-    where = _where(shape, driver, label, (low, high, at, _at(shape.until, shape.driver, unit)))
     if shape.name == "periodic":
-        swings = f"a {name} that swings by ± {size}" if hidden else f"{name} swings by ± {size}"
-        times = round(2.0 * math.pi / (shape.at or 1.0))
-        often = "once" if times == 1 else f"{times} times"
-        text = f"{swings} about its prediction, {often} in a turn of the wheel"
-    elif where:
-        text += where
+        text = f"the model misses a swing of ± {size} in {name}"
     elif hidden:
-        text += f" at {driver} {high}, against {low}"
+        text = f"the model should predict {size} {'more' if amplitude > 0.0 else 'less'} {name}"
     else:
-        text = f"{name} is more and more {verb} as {driver} rises: by {size} from {low} to {high}"
-    if shape.name == "saturating":
-        text += f", most of it in the first {at}{',' * hidden}"
-    if hidden:
-        text += " would fit better; the fitted model hides most of it"
+        text = f"the model predicts {size} too {'little' if amplitude > 0.0 else 'much'} {name}"
+    text += _where(shape, label, unit)
     if alternatives:
         others = [quantity(other, "").words for other in alternatives]
-        text += f" (or with {listed(others, 'or')}, which varied alike)"
-    return text
+        together = f"varied together with {quantity(shape.driver, unit).words}"
+        text += f" (or {listed(others, 'or')}, which {together})"
+    return f"{text}; the fitted soil hides most of this error" if hidden else text
 
 
-def _where(shape: Shape, driver: str, label: str, numbers: tuple[str, str, str, str]) -> str:
-    """Say where a residual differs; nothing for shapes whose course `sentence_of` tells."""
-    low, high, at, until = numbers
+def _where(shape: Shape, label: str, unit: str) -> str:
+    """Say where a residual differs."""
+    driver = quantity(shape.driver, unit).words
+    low, high, at = (_at(value, shape.driver, unit) for value in (shape.low, shape.high, shape.at or 0.0))
+    times = round(2.0 * math.pi / (shape.at or 1.0))
+    along = f" at {driver} {high}, compared with {low}"
     told = {
         "constant": " throughout",
-        "label": f" where {driver} is {label}, against the others",
+        "label": f" where {driver} is {label}, compared with the others",
         "step": f" after {at}" if shape.driver == "time" else f" above {driver} {at}",
-        "stretch": f" from {at} to {until}",
-        "quadratic": f" at both ends of {driver}, {low} and {high}, against the middle",
+        "stretch": f" from {at} to {_at(shape.until, shape.driver, unit)}",
+        "quadratic": f" at both ends of {driver}, {low} and {high}, compared with the middle",
+        "periodic": f", {'once' if times == 1 else f'{times} times'} in a turn of the wheel",
+        "saturating": f"{along}, most of it below {_at(shape.low + (shape.at or 0.0), shape.driver, unit)}",
     }
-    return told.get(shape.name, "")
+    return told.get(shape.name, along)
 
 
 def missed(channel: str, error: float, ratio: float) -> str:

@@ -15,6 +15,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     noise_with,
     over_noise,
     share_taken,
+    too_few,
 )
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
@@ -105,7 +106,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     return Evidence(
         ratios=ratios,
-        noise_with=f"{listed(passed)} as it is with {first.effect}" if first and passed else "",
+        noise_with=f"{listed(passed)} as estimated with {first.effect}" if first and passed else "",
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
         tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
@@ -149,16 +150,16 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
             # A first check alone is no proof where the errors are those of noise.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
-        size = f"with {counted(found.fewer, 'soil')} in place of {found.soils}, " * bool(found.fewer)
+        size = f"with {counted(found.fewer, 'soil')} instead of {found.soils}, " * bool(found.fewer)
         size += _size(above) if above else _not_random(known)
-        size += f" (noise in {found.noise_with})" * bool(found.noise_with)
+        size += f" (noise of {found.noise_with})" * bool(found.noise_with)
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive = found.drive if alike else ""
         first = _first(found) if alike else ""
         if found.fewer and found.changes:
             too = "better" if found.leaves else "too"
             soil = f"A soil that changes at {_places(found)} would explain it {too}"
-            first = f" {soil}: {_settled(found)}.{first}"
+            first = f" {soil}. To tell, {_settled(found)}.{first}"
             drive = drive or _BACK * (not found.points)
         verb = "may miss" if known and not above and not doubtful else "misses"
         told = f"The model {verb} something: {size}, and {cause}.{first} Next: {command}"
@@ -177,10 +178,10 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
     soils = f"with {counted(found.soils, 'soil')}" + f" under {found.wheels} wheels" * (found.wheels > 1)
     if found.instead and found.instead not in found.refused and not found.ended:
         command = asked.looked("diagnose")
-        told = f"The model may miss something: {_at_most(known)}, but only {soils}: fewer may do with "
+        told = f"The model may miss something: {_at_most(known)}, but only {soils}; fewer may be enough with "
         return Conclusion("explained", f"{told}{found.instead}. Next: {command}", command)
     told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
-    told += ", and no effect stands out."
+    told += ", and the data show no missing effect."
     if found.changes:
         needed = ", and no effect predicts as well with fewer soils" * found.needed
         told += f" The soil changes at {_places(found)}{needed}."
@@ -195,7 +196,7 @@ def _places(found: Evidence) -> str:
 def _settled(found: Evidence) -> str:
     """Say what tells a soil that changes from an effect."""
     again = "repeat the test points in another order" if found.points else _BACK
-    return f"{again}; what changes at the same place is the soil"
+    return f"{again}: a change at the same place is the soil"
 
 
 def _unseen(found: Evidence) -> str:
@@ -203,8 +204,8 @@ def _unseen(found: Evidence) -> str:
     if "torque" not in found.ratios or "drawbar pull" in found.ratios:
         return ""
     return (
-        " Without drawbar pull, friction in the drive and a zero or gain of the torque or the load look like "
-        "another soil: they would not show."
+        " Without drawbar pull, these data cannot show friction in the drive, nor a wrong zero or gain of "
+        "torque or load: each looks like another soil."
     )
 
 
@@ -218,9 +219,9 @@ def _first(found: Evidence) -> str:
     if not drive:
         told = f" No drive can {tell}: first {check}."
     else:
-        told = f" First take this drive, and diagnose both logs together: {drive}."
-        told += f" Also {check}: the drive does not {tell}." * bool(checks)
-    return f"{told} Without it, only the held-out error can choose."
+        told = f" First record this drive, and diagnose both logs together: {drive}."
+        told += f" Also {check}: the drive alone does not {tell}." * bool(checks)
+    return f"{told} Otherwise the next command chooses by the held-out error alone."
 
 
 def _refused(found: Evidence) -> bool:
@@ -244,8 +245,8 @@ def _unexplained(
     diagnosed = found.verdict is not None or (found.ended and bool(found.refused))
     if diagnosed and _refused(found) and known and not above:
         told = (
-            f"The model fits as well as these data can tell: {_at_most(known)}. What is left may not be "
-            f"random, but {_did_not_pay(found)}."
+            f"The model fits as well as these data can tell: {_at_most(known)}. What is left may be "
+            f"systematic, but {_did_not_pay(found)}."
         )
         return Conclusion("unexplained", told, record=found.unrecorded)
     if found.verdict is None and (found.refused or found.ended):
@@ -259,21 +260,21 @@ def _unexplained(
     elif _refused(found):
         why = _did_not_pay(found)
     elif found.closest and found.closest not in found.refused:
-        why = f"no effect explains it beyond chance, but {found.closest} may: held-out data can judge it"
+        why = f"no effect explains it significantly; held-out data can test {found.closest}"
         command = asked.added((found.closest,))
     elif elsewhere and not few:
         why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
-        why = "nothing that was recorded explains it beyond chance"
+        why = "no recorded channel tracks the misfit"
         if found.tracked:
-            why = "it varies with what was recorded, but no effect explains it beyond chance"
-        why = f"{_too_few(found)} to show why" if few else why
+            why = "the residuals are systematic, but no effect explains them significantly"
+        why = f"{too_few(found.blocks)} to show why" if few else why
     then = f"Next: {command}" if command else _record(found, few=few)
     drive = found.drive if _refused(found) and not command else ""
     if drive:
         # Where the soil imitates an effect, its error hardly falls though it is there.
-        there = "it is there" if len(found.refused) == 1 else "one of them is there"
-        then = f"To see if {there} all the same, take this drive, and diagnose both logs together: {drive}."
+        what = listed(found.refused, "or")
+        then = f"To test {what} again, record this drive, and diagnose both logs together: {drive}."
     # That something is missing is not known: a soil that varies leaves as much.
     what = "does not fit to within the noise" if above else "may miss something"
     told = f"The model {what}: {size}; {why}. {then}"
@@ -283,10 +284,10 @@ def _unexplained(
 def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few: bool) -> Conclusion:
     if few:
         size = f" {_size(above)[0].upper()}{_size(above)[1:]}." if above else ""
-        told = f"{_too_few(found)} to tell whether the model misses something.{size}"
+        told = f"{too_few(found.blocks)} to tell whether the model misses something.{size}"
         return Conclusion("undecided", f"{told} {_more(found)}")
     of = listed(list(found.ratios)) if found.ratios else "the sensors"
-    told = f"No effect stands out, but the noise of {of} is not known. Repeat some test points to learn it."
+    told = f"The data show no missing effect, but the noise of {of} is not known: repeat some test points."
     # A diagnosis of test points also looks at their order.
     first = found.verdict is None and not found.refused
     command = asked.looked("diagnose") if first and found.points else ""
@@ -295,11 +296,6 @@ def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few
 
 def _more(found: Evidence) -> str:
     return "Measure more test points." if found.points else "Record a longer drive."
-
-
-def _too_few(found: Evidence) -> str:
-    verb = "is" if found.blocks == 1 else "are"
-    return f"{counted(found.blocks, 'independent stretch', 'es')} of data {verb} too few"
 
 
 def _size(above: Mapping[str, float]) -> str:
@@ -318,7 +314,7 @@ def _at_most(known: Mapping[str, float]) -> str:
 
 def _not_random(known: Mapping[str, float]) -> str:
     """Say that errors which are as small as the noise follow something."""
-    return f"{_at_most(known)}{' but not random' * bool(known)}"
+    return f"{_at_most(known)}{' but systematic' * bool(known)}"
 
 
 def _number(ratio: float) -> str:
@@ -350,14 +346,14 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         cause = f"{found.family[0]} explains {part}, but this is not certain"
         return cause, asked.added(found.family)
     checked = "a first check of the effects finds a possible cause"
-    return "it varies with what was recorded" if found.tracked else checked, asked.looked("diagnose")
+    return "the residuals are systematic" if found.tracked else checked, asked.looked("diagnose")
 
 
 def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     """Send to rover.toml where a sign or a unit is doubted: what an effect explains of it is no physics."""
     if not found.doubted:
         return None
-    settle = "if so, put the line that the note gives into rover.toml; if not, state only the unit there"
+    settle = "if so, put the line of the note into rover.toml; if not, confirm the unit there"
     return f"{listed(found.doubted)} may be wrong: {settle}", asked.looked("compare")
 
 
@@ -372,13 +368,14 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
         if found.verdict is None:
             return None
         when, others = f"after {low} s", f"time < {low}"
-    cause = f"most of all {when}: see what happened then, and if the model fits without it"
+    cause = f"most of all {when}: find out what happened then, and if the model fits the rest"
     return cause, asked.where(others).looked("compare")
 
 
 def _did_not_pay(found: Evidence) -> str:
     one = len(found.refused) == 1
-    return f"{listed(found.refused)} {'was' if one else 'were'} tried and {'does' if one else 'do'} not pay"
+    were, them = ("was", "it") if one else ("were", "them")
+    return f"{listed(found.refused)} {were} tried, and held-out data do not support {them}"
 
 
 def _record(found: Evidence, *, few: bool) -> str:
@@ -387,8 +384,7 @@ def _record(found: Evidence, *, few: bool) -> str:
         return _more(found)
     # On the same track the soil would vary as it did.
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
-    told = f"The soil may vary, or the model lacks something. {again}: "
-    told += "if the misfit changes, it is the soil; if it returns, the model."
+    told = f"{again}: if the misfit changes, the soil varies; if it returns, the model lacks something."
     if [*above_noise(found.ratios)] == ["drawbar pull"] and len(found.ratios) > 1:
         others = listed([name for name in found.ratios if name != "drawbar pull"])
         told = f"As {others} fit, look for what acts on the pull alone: a slope, a tether or its sensor."

@@ -11,7 +11,6 @@ from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
-from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -102,10 +101,6 @@ def diagnose(
 def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnosis:
     """Say that nothing shows; of few data also what they speak for."""
     few = log.data.blocks < comparison_criteria.FEWEST_BLOCKS
-    warnings = list(log.comparison.warnings)
-    if log.data.blocks < criteria.BLOCKS_OF_ALARM:
-        data = counted(log.data.blocks, "independent stretch", "es")
-        warnings.append(f"only {data} of data: too few to tell an effect from chance")
     several = steps.refitted(case, log) if few else []
     diagnosis = Diagnosis(
         comparison=log.comparison,
@@ -113,7 +108,7 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
         verdict="none",
         candidates=steps.candidates(log, base, several, ()),
         not_testable=list(log.not_testable),
-        warnings=warnings,
+        warnings=list(log.comparison.warnings),
         unrecorded=screening.unrecorded(case.effects, log.data.wheels),
         heldout=steps.as_it_is(log) if several else {},
         soils=_soils(log),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.vocabulary.choices import BASES
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -253,6 +254,11 @@ def leaves_much(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[st
 def above_noise(ratios: Mapping[str, float]) -> dict[str, float]:
     """Return the ratios that are more than those of noise."""
     return {name: ratio for name, ratio in ratios.items() if ratio > comparison_criteria.ABOVE_NOISE}
+
+
+def too_few(blocks: int) -> str:
+    """Say that so many blocks are too few for what is named after it."""
+    return f"{counted(blocks, 'independent stretch', 'es')} of data {'is' if blocks == 1 else 'are'} too few"
 
 
 @dataclass(frozen=True, kw_only=True)

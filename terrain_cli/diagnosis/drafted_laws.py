@@ -78,7 +78,7 @@ class Draft:
         else:
             several = "; these data cannot tell which" if same else ""
             shape = f" ({form}{several})" if form else ""
-            told = f"{what} follows {listed([self.driver, *same], 'or')}{shape}"
+            told = f"{what} varies with {listed([self.driver, *same], 'or')}{shape}"
         return told.replace("tan_phi", "tan φ").replace("_", " ")
 
     @property
@@ -309,7 +309,7 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
     law = f"{changes} + {term}" if shown and form != "gain" else f"{changes} * (1 + {term})"
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
-    does = f"follows {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"
+    does = f"varies with {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"
     columns = {driver: unit} if unit and is_column(driver) else {}
     text = _text(
         name, f"{what} {does}", changes, law, parameters, [driver] if driver else [], columns, bounds

@@ -393,7 +393,7 @@ def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> NextDrive:
     effects = (*one.effects, *other.effects)
     sensors = manoeuvres.checks(effects)
     said = [e.settled_by for e in effects if e.settled_by and not manoeuvres.checks([e])]
-    check, what = (" or ".join(dict.fromkeys(each)) for each in (sensors, said))
-    ending = f": {check}" if check else (f"; what may: {what}" if what else "")
-    told = f"no drive tells them apart for sure (the best would in {best:.0%} of all cases){ending}"
+    check, what = " or ".join(dict.fromkeys(sensors)), "; or ".join(dict.fromkeys(said))
+    ending = f": {check}" if check else (f"; what may help: {what}" if what else "")
+    told = f"no drive tells them apart reliably (the best one in {best:.0%} of cases){ending}"
     return NextDrive((one.id, other.id), told, best, check=check)

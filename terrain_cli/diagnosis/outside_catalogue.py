@@ -222,11 +222,11 @@ def verdict(
         much = much or not CHANNELS.keys() >= {*sources(tried[0].draft.driver or "time")}
         matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
         alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
-        better = "A sensor's error" if tried[0].draft.of_sensor else "A law of one driver"
-        head = "No effect of the catalogue explains it" if alone else f"{better} predicts it better"
+        better = "A sensor's error" if tried[0].draft.of_sensor else "A drafted law"
+        head = "No effect of the catalogue explains it" if alone else f"{better} predicts better"
         return _told(base, tried[0], misfit, head, same), alone
     if rival is not None and misfit > 0.0:
-        return _told(base, rival, misfit, "A sensor's error predicts it as well"), False
+        return _told(base, rival, misfit, "A sensor's error predicts as well"), False
     return None, False
 
 
@@ -241,7 +241,7 @@ def _told(base: Refit, one: Tried, misfit: float, head: str, same: Sequence[str]
         form=draft.form,
         explained=explained,
         law=draft.in_words(same) + ", or the soil varies along the drive" * draft.along,
-        sentence=f"{head}: {does}, which accounts for {explained:.0%} of the misfit."
+        sentence=f"{head}: {does}, which explains {explained:.0%} of the misfit."
         + " A soil that varies along the drive looks much the same." * draft.along,
         draft=draft.text,
         alternatives=tuple(same),

@@ -116,12 +116,14 @@ def unrecorded(effects: Sequence[Effect], wheels: Sequence[FittedWheel]) -> tupl
 
 def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
     lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
+    # What is computed of neighbours is not there of too few samples.
+    lacking |= {name for wheel in wheels for name in effect.needs if name in DERIVED - wheel.channels.keys()}
     measured = {name for wheel in wheels for name in wheel.measured}
     if lacking:
-        return f"it needs {' and '.join(sorted(lacking))}, which neither the data nor rover.toml give"
+        return f"needs {' and '.join(sorted(lacking))}"
     only = UNITS.keys() & effect.laws.keys()
     if only and len(only) == len(effect.laws) and not only & measured:
-        return f"it shows in {' and '.join(sorted(only))} alone, which is not measured".replace("_", " ")
+        return f"shows only in {' and '.join(sorted(only))}, which is not measured".replace("_", " ")
     return ""
 
 
@@ -340,16 +342,16 @@ class _Columns:
         """Say why these data tell nothing of an effect; nothing if they do."""
         columns = np.concatenate([group.columns for group in groups]) if groups else np.zeros(0, dtype=int)
         if len(columns) == 0:
-            return "it changes nothing that was measured"
+            return "changes nothing that was measured"
         if self.testable[columns].any():
             return ""
         if not self.raw[columns].any():
-            return "what it depends on does not vary in these data"
+            return "no influence in these data"
         if not (self.scores.surviving[columns] > criteria.SIGNATURE_SURVIVES).any():
-            return "the soil's own parameters imitate it in these data"
+            return "a change of soil looks the same in these data"
         if not self.noise_known:
-            return "the noise of these data is not known, so it cannot be said whether it would stand out"
-        return "three times its typical size would not stand out from the noise of these data"
+            return "the noise of these data is not known"
+        return "smaller than the noise of these data, even at three times its typical size"
 
 
 def _add(

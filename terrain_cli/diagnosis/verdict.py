@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.comparison.findings import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise, too_few
 from terrain_cli.models import STRESSES
-from terrain_cli.vocabulary.quantities import counted, listed, short
+from terrain_cli.vocabulary.quantities import listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -93,75 +94,80 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
         return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
     if diagnosis.verdict == "none":
-        return _too_few(diagnosis) or "No effect that these data can show improves the fit beyond chance."
+        return _nothing(diagnosis)
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
     named = {one.effect: one for one in diagnosis.candidates}
     first = named[diagnosis.family[0]]
     if diagnosis.verdict == "effect":
-        return f"{seen}Most likely {_told(first)}."
+        return f"{seen}Most likely cause: {_told(first)}."
     return seen + _family(diagnosis, first)
 
 
 def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     """Say what remains of several effects, or of one that is not sure."""
-    others = list(diagnosis.family[1:])
     most = max((one.explained for one in diagnosis.candidates if one.in_family), default=math.nan)
     if diagnosis.comparison.stretch is not None and most <= criteria.STEPS_SHARE:
         return f"No effect explains most of it: {listed(diagnosis.family, 'or')} at most {most:.0%}."
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
-    told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
-    if diagnosis.together:
-        both = listed(diagnosis.together)
-        both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
-        if diagnosis.together_or:
-            pairs = listed([" with ".join(pair) for pair in diagnosis.together_or], "or")
-            both += f" So may {pairs}: these data cannot tell."
-        better = f" {both}"
-        if first.effect == STRESSES == diagnosis.together[0]:
-            return f"{told} together with {listed(others, 'or')} explain more than any effect alone."
-        if {*diagnosis.together} == {first.effect, *others}:
-            return both
-    if not others:
-        blocks = diagnosis.comparison.blocks
-        doubt = (
-            f"{blocks} independent stretches of data are too few to be sure of the name"
-            if blocks < comparison_criteria.FEWEST_BLOCKS
-            else "another effect may be missing too, or this drive does not rule out all others"
-        )
-        return f"Probably {_told(first)}, but {doubt}.{better}"
+    told = _told(first)
     doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
-    doubtful = [
-        f"{name} ({doubts[name]})" for name in others if name in doubts and first.effect not in doubts
-    ]
-    others = [f"{name} ({doubts[name]})" if name in doubts else name for name in others]
-    others = [name for name in others if name not in doubtful]
+    named = {name: f"{name} ({doubts[name]})" if name in doubts else name for name in diagnosis.family[1:]}
+    doubtful = [name for name in named if name in doubts and first.effect not in doubts]
+    others = [text for name, text in named.items() if name not in doubtful]
     if doubtful:
-        also = listed(doubtful)
-        better = f" {also[0].upper()}{also[1:]} would explain it too, but with a doubtful size.{better}"
-    if not others:
-        return f"Probably {_told(first)}.{better}"
-    return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
+        better = f" Not credible: {listed([named[name] for name in doubtful])}.{better}"
+    if diagnosis.together:
+        return _together(diagnosis, told, others, better)
+    if others:
+        return f"Possible causes: {listed([told, *others], 'or')}; these data cannot tell which.{better}"
+    if doubtful:
+        return f"Probable cause: {told}.{better}"
+    blocks = diagnosis.comparison.blocks
+    doubt = (
+        f"{too_few(blocks)} to be sure"
+        if blocks < comparison_criteria.FEWEST_BLOCKS
+        else "another effect may be missing too, or this drive does not rule out all others"
+    )
+    return f"Probable cause: {told}, but {doubt}.{better}"
 
 
-def _too_few(diagnosis: Diagnosis) -> str:
-    """Say by how much the model is off where there are too few data to tell noise from what is missing."""
+def _together(diagnosis: Diagnosis, told: str, others: Sequence[str], doubtful: str) -> str:
+    """Say what two effects explain, and what any does alone; `told` is of the best of these."""
+    if diagnosis.family[0] == STRESSES == diagnosis.together[0]:
+        both = (
+            f"{told} together with {listed(diagnosis.family[1:], 'or')} explain more than any effect alone."
+        )
+        return f"{both[0].upper()}{both[1:]}"
+    both = listed(diagnosis.together)
+    both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
+    if diagnosis.together_or:
+        pairs = listed([" with ".join(pair) for pair in diagnosis.together_or], "or")
+        both += f" So may {pairs}: these data cannot tell which."
+    if {*diagnosis.together} == {*diagnosis.family}:
+        return both
+    are = "s are" if others else " is"
+    return f"{both} The best single effect{are} {listed([told, *others])}.{doubtful}"
+
+
+def _nothing(diagnosis: Diagnosis) -> str:
+    """Say that no effect shows; of too few data, by how much the model is off."""
     blocks = diagnosis.comparison.blocks
     off = [
         f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
         for one in diagnosis.comparison.channels.values()
         if not math.isfinite(one.noise) and one.nrmse > criteria.LARGE_ERROR
     ]
-    if blocks >= comparison_criteria.FEWEST_BLOCKS or not off:
-        return ""
-    table = (
-        "; the table shows what each effect would leave"
-        if any(one.refitted for one in diagnosis.candidates)
-        else ""
-    )
-    data = counted(blocks, "independent stretch", "es")
-    return f"The model misses {listed(off)} of its size, which {data} of data cannot tell from chance{table}."
+    if off and blocks < comparison_criteria.FEWEST_BLOCKS:
+        table = "; the table shows what each effect would leave"
+        table *= any(one.refitted for one in diagnosis.candidates)
+        return f"The model misses {listed(off)} of its size, but {too_few(blocks)} to prove it{table}."
+    if blocks < criteria.BLOCKS_OF_ALARM:
+        return f"{too_few(blocks)} to tell whether the model misses something."
+    if above_noise(over_noise(diagnosis.comparison)):
+        return "No effect explains the misfit."
+    return "The data show no missing effect."
 
 
 def with_draft(sentence: str, path: str) -> str:

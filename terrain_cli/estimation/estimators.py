@@ -91,7 +91,7 @@ def choose(
         return None
     if method not in {"auto", "wong-reece"}:
         raise UsageError(
-            f"--method {method} is an estimator of the line, and --model {name} is more than that",
+            f"--method {method} is an estimator of the linear model, and --model {name} is more than that",
             hint="leave out --method, or --model",
         )
     return file
@@ -147,8 +147,8 @@ def estimate(
         and not (file.path or file.effects)
     ):
         windows.samples.remarks.append(
-            f"{len(windows):,} segments, too many for the full model: c and φ are by the line; "
-            "--method wong-reece fits the full model to any number"
+            f"{len(windows):,} segments, too many for the full model: c and φ are from the linear "
+            "model; --method wong-reece fits the full model all the same"
         )
         file = None
     asked = fit_account.chosen(windows, joint)

@@ -270,7 +270,7 @@ def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
     if own is not None and own.at_bound(value):
         return "at its bound"
     if not determined:
-        return "the data leave it open"
+        return "left open by the data"
     usual = abs(value - own.null) / own.scale if own is not None else 0.0
     return f"{usual:.0f} times its usual size" if usual > EFFECT_SCALES else ""
 

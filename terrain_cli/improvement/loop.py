@@ -90,7 +90,7 @@ def until_quiet(
                 break
         else:
             several = listed([" with ".join(names) for names in choices])
-            because = f"nothing more pays on held-out data: {several} did not"
+            because = f"held-out data support no further effect; tried: {several}"
             refused = tuple(dict.fromkeys(name for names in choices for name in names))
             break
     else:
@@ -107,7 +107,7 @@ def until_quiet(
     if removed:
         found = diagnose(kept_aside.seen(wheels), file)
         again = silent and found.alarm.raised
-        because = f"without {listed(removed)} something stands out again" if again else because
+        because = f"without {listed(removed)} the data show a missing effect again" if again else because
     yield _stopped(file, found, last, because, refused)
 
 
@@ -143,9 +143,7 @@ def _candidates(
     before = found.comparison.refused
     left = [names for names in choices if names not in before.effects]
     if choices and not left:
-        because = (
-            f"nothing more pays on held-out data: {listed(list(before.names))} did not when tried before"
-        )
+        because = f"held-out data support no further effect; tried before: {listed(list(before.names))}"
     return left, because
 
 
@@ -159,7 +157,7 @@ def _proposed(
         if evidence.closest and evidence.misses:
             # Held-out data can judge what may be chance.
             likely = [(evidence.closest,)]
-        return likely, "the alarm is silent: nothing that is left stands out"
+        return likely, "the data show no missing effect"
     both = [found.together] if found.together else []
     if found.together[:1] == (models.STRESSES,):
         # The others of the family are behind the stresses, and some need them.
@@ -172,5 +170,5 @@ def _proposed(
         return [], "something is missing, but no effect can be named"
     if draft is None:
         sentence = found.unknown.sentence.rstrip(".")
-        return [], f"{sentence[:1].lower()}{sentence[1:]}; no draft was asked for"
+        return [], f"{sentence[:1].lower()}{sentence[1:]}; --draft FILE.toml adds this law"
     return [(draft(found.unknown),)], ""

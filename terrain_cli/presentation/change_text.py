@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.diagnosis import conclusion
+from terrain_cli.diagnosis.diagnosis_outcome import too_few
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import held_out_error
@@ -56,7 +57,7 @@ def verdict(step: Step) -> str:
     if step.better or (step.fell and step.evidence.overall.high < 1.0):
         return f"{what} {_is(step)} {kept}: {found(step)}"
     uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
-    partly = " on the whole" if step.fell else uncertain
+    partly = " overall" if step.fell else uncertain
     return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
 
 
@@ -75,11 +76,12 @@ def tried(step: Step) -> str:
 
 def doubt(step: Step) -> str:
     """Say what the data do not tell from an effect that the loop keeps, and what would."""
-    what = f"these data do not tell it from {listed(step.rivals)}"
+    what = f"these data cannot tell it from {listed(step.rivals, 'or')}"
     if step.next_drive is None:
         return what
-    power = f" (power {step.next_drive.power:.0%})" if step.next_drive.settings else ""
-    return f"{what}: {step.next_drive.manoeuvre}{power}"
+    if not step.next_drive.settings:
+        return f"{what}: {step.next_drive.manoeuvre}"
+    return f"{what}; to tell, {step.next_drive.manoeuvre} (power {step.next_drive.power:.0%})"
 
 
 def found(step: Step) -> str:
@@ -89,10 +91,7 @@ def found(step: Step) -> str:
 
 def _found(step: Step) -> str:
     if not step.testable:
-        n = step.evidence.blocks
-        return (
-            f"only {counted(n, 'independent stretch', 'es')} of data: too few to tell an effect from chance"
-        )
+        return f"{too_few(step.evidence.blocks)} to test an effect"
     if step.evidence.lost > comparison_criteria.UNPREDICTED:
         return f"{step.evidence.lost:.0%} of the samples cannot be predicted any more"
     moved: list[str] = []
@@ -105,9 +104,9 @@ def _found(step: Step) -> str:
     if not moved:
         verb = "fell" if step.better else "rose" if step.costs and value > 1.0 else ""
         return (
-            f"the held-out error {verb} over all channels, {ratio}, though in none alone significantly"
+            f"the held-out error {verb} over all channels, {ratio}, but in no single channel significantly"
             if verb
-            else f"in no channel did it change significantly and by more than {criteria.LEAST_CHANGE:.0%}"
+            else f"in no channel was the change significant and more than {criteria.LEAST_CHANGE:.0%}"
         )
     text = ", and ".join(moved)
     if not step.there:
@@ -120,7 +119,7 @@ def _found(step: Step) -> str:
         )
         return f"{text}, but only with {values}, which is physically impossible; another effect is missing"
     if step.action == "add" and step.fell and not step.pays and not step.rose:
-        text += f", but over all channels the fall may be chance: {ratio}"
+        text += f", but over all channels the change is not significant: {ratio}"
     return text
 
 
@@ -131,10 +130,10 @@ def proof(step: Step, ask: str = "--confirm LOG or --keep-aside SHARE") -> str:
     if step.evidence.aside:
         some = counted(step.evidence.aside, "sample")
         return f"proof: stretches kept aside, {some} that diagnose with the same --keep-aside does not see"
-    same = "proof: on stretches that may have helped to name it"
+    same = "proof: on data that may have chosen the effect"
     if step.evidence.too_short:
         return f"{same}: {model_history.same_stretches(step)}"
-    return f"{same}; for a stricter one give {ask}"
+    return f"{same}; for a stricter proof give {ask}"
 
 
 def reason(step: Step) -> str:
@@ -367,8 +366,7 @@ def _open(step: Step) -> Iterator[str]:
 
 def _idle(step: Step) -> Iterator[str]:
     for one in step.idle if step.kept else ():
-        ask = "`terrain-est model remove` tells whether it still pays"
-        yield f"{one.effect} is no longer significant (p {one.p_value:.2g}): {ask}"
+        yield f"{one.effect} is no longer significant (p {one.p_value:.2g}): try `terrain-est model remove`"
 
 
 def ladder(rungs: Sequence[Rung]) -> tuple[list[str], list[list[str]]]:

@@ -23,8 +23,7 @@ FORMAT = "terrain-est/diagnosis/1"
 _ALARM = ("raised", "p_value", "level", "gain", "gain_se", "cause", "channel", "share", "smallest_share")
 _UNKNOWN = ("channel", "driver", "form", "explained", "sentence", "alternatives")
 _LEGEND = (
-    "explains: share of the misfit, by the loss that ranks them; survives: share of its trace in the errors "
-    "that no soil imitates"
+    "explains: share of the misfit; survives: share of the effect's signature that no change of soil imitates"
 )
 #: Candidates that a person reads.
 _SHOWN = 8
@@ -104,17 +103,16 @@ def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
 
 def order(candidates: Sequence[Candidate], together: Sequence[str] = ()) -> list[str]:
     """Say in which order several candidates stand, and what is marked."""
-    if len(candidates) < 2:
-        return []
-    marked = ""
+    told = []
     if any(one.in_family for one in candidates[1:]):
-        why = "of which the first line speaks" if together else "which these data cannot tell from it"
-        marked = f" those marked *, {why}, then"
-    told = f"order: the best first, then{marked} the others, by what each explains"
-    if ranked_by(candidates)[0] == "plainer":
+        why = "named in the first line" if together else "these data cannot tell them from the best"
+        told.append(f"order: the best, then those marked * ({why}), then the others")
+    if len(candidates) > 1 and candidates[0].in_family and ranked_by(candidates)[0] == "plainer":
         first, second = candidates[:2]
-        told += f"; {first.effect} has fewer parameters, and {second.effect} is not significantly better"
-    return [told]
+        told.append(
+            f"{second.effect} is not significantly better than {first.effect}, but has more parameters"
+        )
+    return told
 
 
 def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> str:
@@ -122,7 +120,7 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     alarm = diagnosis.alarm
     chance = f"p {alarm.p_value:.4f}" if alarm.p_value >= 0.0001 else "p < 0.0001"
     state = "raised" if alarm.raised else "silent"
-    idle = f": {alarm.cause}, which predicts best, lowers no held-out error" * alarm.idle
+    idle = f": {alarm.cause} predicts best, but lowers no held-out error" * alarm.idle
     lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g}){idle}"]
     shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
     if shown:
@@ -162,7 +160,7 @@ def early(found: Screened) -> str:
     lines = [f"  {name:{width}}  {found.scores[name]:5.1f}  p {found.p_values[name]:.4f}" for name in shown]
     if not lines:
         return "first scores: none, no effect can be tested on these data"
-    head = f"first scores of {len(known)} effects, in standard errors, before any is fitted:"
+    head = f"first scores of {len(known)} effects, in standard errors, before any fit:"
     return "\n".join([head, *lines])
 
 

@@ -102,7 +102,7 @@ def text(effect: Effect) -> str:
 def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
     """Return a table of what bases take for granted, a line for each."""
     rows = [(one.id, one.title) for one in assumptions]
-    return "\n".join(["assumptions of a base, which model add lifts:", *aligned(rows)])
+    return "\n".join(["assumptions of a base, which model add removes:", *aligned(rows)])
 
 
 def text_of_assumption(assumption: Assumption) -> str:
@@ -110,7 +110,7 @@ def text_of_assumption(assumption: Assumption) -> str:
     return "\n".join(
         [
             f"{assumption.id}: {assumption.title}",
-            *_field("what", "an assumption of a base, which model add lifts"),
+            *_field("what", "an assumption of a base, which model add removes"),
             "",
             textwrap.fill(assumption.explanation, _WIDTH),
             *_field("settled by", assumption.settled_by),

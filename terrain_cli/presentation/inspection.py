@@ -270,9 +270,7 @@ def _wheel_text(wheel: dict[str, Any]) -> list[str]:
     if wheel.get("distance_m"):
         parts.append(f"{wheel['distance_m']:.2f} m")
     if wheel.get("stretches", 1) > 1:
-        parts.append(
-            f"{wheel['stretches']} stretches between gaps, the largest {wheel['largest_gap_s']:.2f} s"
-        )
+        parts.append(f"{wheel['stretches']} stretches, largest gap {wheel['largest_gap_s']:.2f} s")
     lines = [", ".join(parts)]
     if wheel["channels"] or wheel["derived"]:
         rows = [("channel", "range", "missing", "from")]

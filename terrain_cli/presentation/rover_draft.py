@@ -24,8 +24,7 @@ _TOP = """\
 # rover.toml for {name}, drafted from what the log holds.
 # Still to fill in: {left}.
 # Write each value in place of its …, and remove the # before it. Delete the lines that you do not need.
-# Each channel is shown with its range. Where its unit is not stated and is another than the one taken,
-# add unit = "…".
+# Each channel is shown with its range. If the unit taken is wrong, add unit = "…".
 """
 _WHEEL = """\
 [wheel]
@@ -43,7 +42,7 @@ _OWN = """\
 # position = [x, y, z]  # m forward, left and up of one point of the body; {why}
 """
 _FOR_LOADS = "only for loads from a [vehicle]"
-_IN_TURNS = "in turns each wheel has a speed of its own"
+_IN_TURNS = "needed in turns, where each wheel has its own speed"
 _SHARED = "[channels]"
 _EFFORT = "effort may be the torque at the wheel, or the current of a [motor]; keep the line that is right"
 

@@ -125,9 +125,9 @@ def _addition(name: str, table: Table) -> str:
     strength, error = (np.asarray(table[column], dtype=float)[rows] for column in _MAPPED)
     known = error <= _KNOWN * strength
     if known.all():
-        return "; the strength holds within its error"
+        return "; the strength is reliable within its error"
     return (
-        "; the strength holds where its error is small"
+        "; the strength is reliable where its error is small"
         if known.any()
         else "; the strength is not known either"
     )
@@ -144,11 +144,11 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             why = f": {entry['because']}" if entry["because"] else ""
             lines.append(f"    {name} = {entry['value']:.4g}{unit}, held{why}")
         else:
-            known = "" if entry["fixed_by_data"] else "; the data do not fix it"
+            known = "" if entry["fixed_by_data"] else "; not determined by the data"
             lines.append(f"    {name} = {short(entry['value'], 4)} ± {short(entry['se'], 2)}{unit}{known}")
     if model["rivals"]:
         lines.append(
-            "    fitted too, as data did not tell it from an effect of the model (see its history): "
+            "    also fitted, as the data could not tell it from an effect of the model: "
             + ", ".join(model["rivals"])
         )
     lines += [f"    c and φ are as in the law of {name}: {law}" for name, law in model["strength"].items()]
@@ -158,7 +158,7 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
 
 def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
     return [
-        ("terrain", "wheel", "windows", "separable", "samples", "distance", "status", *_HEADS),
+        ("terrain", "wheel", "segments", "separable", "samples", "distance", "status", *_HEADS),
         *(
             (
                 entry["terrain"] or "–",
@@ -200,10 +200,8 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 LISTED = 40
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
-    "missed": "the residuals of {} are larger than noise, last longer, or follow load, sinkage or slip: the "
-    "soil varies there, or an effect is missing: see terrain-est diagnose",
-    "moved": "the residuals of {} look like an effect that the model lacks, which would move c, φ or "
-    "strength by more than its error: see terrain-est diagnose",
+    "missed": "the residuals of {} are systematic",
+    "moved": "the residuals of {} look like a missing effect that shifts c, φ or strength beyond its error",
     "unsettled": "the fit did not converge in {}",
 }
 _HEADS = ("c [kPa]", "φ [°]", "strength [kPa]")
@@ -212,14 +210,13 @@ _SHOWN = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", *_MAPPED, "stress_kPa")
 #: Error of a strength, as a share of it, up to which it is known.
 _KNOWN = 0.5
 MEANINGS = {
-    "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
-    "not-separable": "c and φ cannot be separated: loads differ too little for the noise, or k is uncertain",
-    "out-of-range": "c is negative or φ outside 0 to 60°: noise if within its error, else a wrong model",
-    "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
-    "prior-bound": "the data do not determine c or φ, which is left empty",
-    "model-misses": "the residuals are more than noise: the soil varies, or an effect is missing, and then "
-    "c and φ may be off; try `terrain-est diagnose`",
-    "too-few-samples": "windows with fewer samples than --min-samples",
+    "ill-conditioned": "c and φ depend on the ridge penalty δ; only the strength is reliable",
+    "not-separable": "c and φ cannot be separated: the load varies too little, or k is uncertain",
+    "out-of-range": "c is negative or φ is outside 0 to 60°: noise if within its error, else a wrong model",
+    "at-bound": "a parameter is at the limit of its plausible range; try `terrain-est diagnose`",
+    "prior-bound": "the data do not determine c or φ (left empty)",
+    "model-misses": "the soil varies or an effect is missing: c and φ may be off; try `terrain-est diagnose`",
+    "too-few-samples": "segments with fewer samples than --min-samples",
 }
 
 

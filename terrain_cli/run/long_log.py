@@ -204,8 +204,8 @@ class LongWheel:
         remarks = list(remarks)
         if self._settings.automatic:
             remarks.append(
-                f"a log of more than {MOST_ROWS:,} rows: c and φ are from the line, whose errors take k and "
-                "the stresses for true; --method wong-reece fits the full model, with the log in memory"
+                f"a log of more than {MOST_ROWS:,} rows: c and φ are from the linear model, and their errors "
+                "take its k and stresses as exact; --method wong-reece fits the full model, in memory"
             )
         if self._cut:
             often = f"every {LONGEST:,} samples or so ({self._cut} times)"

@@ -147,9 +147,9 @@ class Follow:
         model = f" --model {shlex.quote(str(self._settings.model))}"
         log = "LOG" if self._rows.path == "-" else shlex.quote(self._rows.path)
         return (
-            f"{the_wheel(part.wheel)}: the model misses: {alarm.channel} is {size} "
-            f"{'above' if alarm.size > 0.0 else 'below'} what it predicts, since {when}; to find out why: "
-            f"terrain-est diagnose {log}{model}"
+            f"{the_wheel(part.wheel)}: the model predicts {size} too "
+            f"{'little' if alarm.size > 0.0 else 'much'} {alarm.channel.replace('_', ' ')} since {when}. "
+            f"Next: terrain-est diagnose {log}{model}"
         )
 
     def _tell(self) -> None:

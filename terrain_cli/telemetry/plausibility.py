@@ -250,10 +250,10 @@ def _forces(e: UnitEvidence) -> Suspicion | None:
     pressed = f"the load presses on the soil with {pressure / 1e3:.2g} kPa at this sinkage"
     # How far out of its bound each is; what is not known is NaN, and within.
     bounds = (
-        (share / MOST_TORQUE, f"{turned}, which no soil takes"),
+        (share / MOST_TORQUE, f"{turned}, more than any soil can resist"),
         (_over(LEAST_TORQUE * slip, share) if slip > 0.05 else 0.0, f"{turned} at a slip of {slip:.2f}"),
-        (pressure / MOST_PRESSURE, f"{pressed}, which none bears"),
-        (_over(LEAST_PRESSURE, pressure), f"{pressed}, under which no wheel sinks so far"),
+        (pressure / MOST_PRESSURE, f"{pressed}, more than any soil can bear"),
+        (_over(LEAST_PRESSURE, pressure), f"{pressed}, too little for such a sinkage"),
     )
     out, what = max(bounds, key=lambda bound: np.nan_to_num(bound[0]))
     if not out > 1.0:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.
 _WITH_DIRECTION = {"torque", "drawbar_pull", "acceleration"}
-NOWHERE = "nothing measures it"  # How a reason begins where the data are silent
+NOWHERE = "not measured"  # How a reason begins where the data are silent
 #: Every channel from which a needed one, or the place of a sample, may come.
 SOURCES = (
     *NEEDED,
@@ -68,7 +68,7 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
 
 def _load(have: set[str], wheel: Wheel, rover: Rover) -> str | Lack:
     if rover.vehicle is None:
-        return Lack("load", f"{NOWHERE}, and there is no [vehicle] to balance", ("load",))
+        return Lack("load", f"{NOWHERE}, and there is no [vehicle] to derive it from", ("load",))
     if wheel.position is None:
         lines = (f"[wheels.{toml_files.key(wheel.name)}]", "position = [x, y, z]  # m")
         return Lack("load", "the balance of the vehicle needs the place of every wheel", lines=lines)

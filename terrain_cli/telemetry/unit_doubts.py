@@ -191,7 +191,7 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
             hint = [f"state its unit in rover.toml, whichever it is; {_if(feed, suspicion)}:", header, *lines]
             raise ImplausibleError(f"{layout.source.path}: {what}", hint="\n".join(hint))
         if suspicion.mend is None:
-            told.append(Doubt(f"{what}; see whether {feed.place} is what it is taken for"))
+            told.append(Doubt(f"{what}; check the sensor of {feed.place}"))
         else:
             mending = f"{_if(feed, suspicion)}, {', '.join(lines)} under {header} of rover.toml"
             # Who states the unit in rover.toml has looked.

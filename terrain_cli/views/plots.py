@@ -159,7 +159,7 @@ def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
     table = shown_segments.soil_table(comparison)
     yield "strength", partial(soil_figures.strength, table)
     for name, what in shown.items():
-        label = f"rms misfit of {what.words}{what.in_unit}"
+        label = f"rms error of {what.words}{what.in_unit}"
         misfit = shown_samples.misfit(comparison, name)
         yield f"track-{name.replace('_', '-')}", partial(soil_figures.track, table, {label: misfit})
     moments = shown_segments.moments(comparison)
@@ -177,7 +177,7 @@ def _begun(windows: Windows) -> Windows:
 def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Drawing]:
     table = segment_table.join([outcome.table for outcome in outcomes if outcome.table])
     yield "strength", partial(soil_figures.strength, table)
-    misfit = {"rms misfit of torque (N m)": table["torque_rmse_Nm"]}
+    misfit = {"rms error of torque (N m)": table["torque_rmse_Nm"]}
     yield "track", partial(soil_figures.track, table, misfit)
     yield from _valleys(table, [part for outcome in outcomes for part in outcome.posterior][:MOST_TRACES])
     yield from _convergence([trace for outcome in outcomes for trace in outcome.trace][:MOST_TRACES])

@@ -177,7 +177,7 @@ def cut(
     elif method == "fixed":
         if (window_samples is None) == (window_distance is None):
             raise UsageError(
-                "--segments fixed needs the length of a window",
+                "--segments fixed needs the length of a segment",
                 hint="give --window-samples N or --window-distance M",
             )
         if window_distance is not None and distance is None:

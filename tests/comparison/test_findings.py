@@ -15,35 +15,35 @@ STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
 @pytest.mark.parametrize(
     ("channel", "shape", "amplitude", "unit", "sentence"),
     [
-        ("torque", STEP, 0.9, "1", "torque is under-predicted by 0.9 N m above slip 0.4"),
-        ("torque", STRETCH, 1.6, "s", "torque is under-predicted by 1.6 N m from 40 s to 60 s"),
+        ("torque", STEP, 0.9, "1", "the model predicts 0.9 N m too little torque above slip 0.4"),
+        ("torque", STRETCH, 1.6, "s", "the model predicts 1.6 N m too little torque from 40 s to 60 s"),
         (
             "sinkage",
             shapes.Shape(name="constant"),
             -0.0021,
             "",
-            "sinkage is over-predicted by 2.1 mm throughout",
+            "the model predicts 2.1 mm too much sinkage throughout",
         ),
         (
             "drawbar_pull",
             Shape(driver="load", name="linear", at=None, low=60.0, high=100.0, span=1.0),
             4.0,
             "N",
-            "drawbar pull is more and more under-predicted as load rises: by 4 N from 60 N to 100 N",
+            "the model predicts 4 N too little drawbar pull at load 100 N, compared with 60 N",
         ),
         (
             "torque",
             Shape(driver="wheel_angle", name="periodic", at=math.pi / 6.0, low=0.0, high=6.3, span=1.0),
             0.5,
             "rad",
-            "torque swings by ± 0.5 N m about its prediction, 12 times in a turn of the wheel",
+            "the model misses a swing of ± 0.5 N m in torque, 12 times in a turn of the wheel",
         ),
         (
             "torque",
             Shape(driver="pitch", name="step", at=0.1, low=-0.2, high=0.2, span=1.0),
             0.9,
             "rad",
-            "torque is under-predicted by 0.9 N m above pitch 5.7°",
+            "the model predicts 0.9 N m too little torque above pitch 5.7°",
         ),
         (
             "torque",
@@ -51,8 +51,8 @@ STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
             -0.2,
             "°C",
             (
-                "torque is more and more over-predicted as motor temperature rises: "
-                "by 0.2 N m from 20 °C to 60 °C, most of it in the first 5 °C"
+                "the model predicts 0.2 N m too much torque at motor temperature 60 °C, compared with 20 °C, "
+                "most of it below 25 °C"
             ),
         ),
     ],
@@ -63,7 +63,7 @@ def test_sentences(channel, shape, amplitude, unit, sentence):
 
 def test_what_varied_alike_is_said():
     text = sentence_of("torque", STEP, 0.9, "", ("time", "motor_temperature"), "1")
-    assert text.endswith("(or with time or motor temperature, which varied alike)")
+    assert text.endswith("(or time or motor temperature, which varied together with slip)")
 
 
 LINE = Shape(driver="slip", name="linear", at=None, low=0.1, high=0.6, span=1.0)
@@ -73,23 +73,20 @@ TURN = Shape(driver="wheel_angle", name="periodic", at=math.pi, low=0.0, high=6.
 @pytest.mark.parametrize(
     ("shape", "amplitude", "begins"),
     [
-        (shapes.Shape(name="constant"), 0.9, "a torque 0.9 N m larger than predicted throughout"),
-        (STEP, -0.9, "a torque 0.9 N m smaller than predicted above slip 0.4"),
-        (LINE, 0.9, "a torque 0.9 N m larger than predicted at slip 0.6, against 0.1"),
-        (TURN, 0.9, "a torque that swings by ± 0.9 N m about its prediction, 2 times in a turn of the wheel"),
+        (shapes.Shape(name="constant"), 0.9, "should predict 0.9 N m more torque throughout"),
+        (STEP, -0.9, "should predict 0.9 N m less torque above slip 0.4"),
+        (LINE, 0.9, "should predict 0.9 N m more torque at slip 0.6, compared with 0.1"),
+        (TURN, 0.9, "misses a swing of ± 0.9 N m in torque, 2 times in a turn of the wheel"),
     ],
 )
 def test_of_what_the_soil_hides_no_error_is_claimed_that_the_table_does_not_show(shape, amplitude, begins):
-    text = sentence_of("torque", shape, amplitude, "", ("time",), "1", 0.1)
-    assert (
-        text
-        == f"{begins} would fit better; the fitted model hides most of it (or with time, which varied alike)"
-    )
+    text = sentence_of("torque", shape, amplitude, "", (), "1", 0.1)
+    assert text == f"the model {begins}; the fitted soil hides most of this error"
     assert "hides" not in sentence_of("torque", shape, amplitude, "", (), "1", 0.5)
 
 
 def test_a_label_is_named():
     shape = Shape(driver="terrain", name="label", at=1.0, low=0.0, high=1.0, span=1.0)
     assert sentence_of("torque", shape, 0.3, "gravel", (), "") == (
-        "torque is under-predicted by 0.3 N m where terrain is gravel, against the others"
+        "the model predicts 0.3 N m too little torque where terrain is gravel, compared with the others"
     )

@@ -18,11 +18,11 @@ MISSES = (
     "The model misses something: the held-out error is 8.6 × the noise in torque and 12 × in sinkage, and "
 )
 UNFIT = f"The model does not fit to within the noise: {MISSES[28:-6]}; "
-AGAIN = "The soil may vary, or the model lacks something. Repeat the drive beside this track: if the misfit"
+AGAIN = "Repeat the drive beside this track: if the misfit"
 SMALL = "The model may miss something: the held-out error is at most 1.02 × the noise (in torque), but "
 POSSIBLE = "a first check of the effects finds a possible cause."
 SMALLEST = "the held-out error is at most 1.02 × the noise (in torque)"
-FITS = f"The model fits to within the noise: {SMALLEST}, and no effect"
+FITS = f"The model fits to within the noise: {SMALLEST}, and the data show no missing effect."
 LOOK = "terrain-est diagnose 'a run.csv' --segments none"
 NEW = "terrain-est model new model.toml && terrain-est model add model.toml "
 DATA = " --segments none --data 'a run.csv'"
@@ -41,7 +41,7 @@ def evidence(ratios, **known):
             evidence({**FINE, "drawbar pull": 1.0}, soils=3, changes=("8 s", "20 s"), needed=True),
             "fits",
             FITS.replace("noise:", "noise with 3 soils:")
-            + " stands out. The soil changes at 8 s and 20 s, and no effect predicts as well with fewer "
+            + " The soil changes at 8 s and 20 s, and no effect predicts as well with fewer "
             + "soils.",
             "",
             id="noise, on several soils",
@@ -49,14 +49,14 @@ def evidence(ratios, **known):
         pytest.param(
             evidence({**FINE, "drawbar pull": 1.0}, verdict="none", soils=6, changes=tuple("abcde")),
             "fits",
-            FITS.replace("noise:", "noise with 6 soils:") + " stands out. The soil changes at 5 places.",
+            FITS.replace("noise:", "noise with 6 soils:") + " The soil changes at 5 places.",
             "",
             id="noise, on more soils than one reads of",
         ),
         pytest.param(
             evidence(FINE, soils=2, changes=("8 s",), instead="multi-pass"),
             "explained",
-            SMALL + "only with 2 soils: fewer may do with multi-pass.",
+            SMALL + "only with 2 soils; fewer may be enough with multi-pass.",
             LOOK,
             id="an effect in place of soils",
         ),
@@ -72,9 +72,9 @@ def evidence(ratios, **known):
                 OFF, raised=True, verdict="effect", family=("slope",), fewer=1, soils=2, changes=("8 s",)
             ),
             "explained",
-            MISSES.replace("the held-out", "with 1 soil in place of 2, the held-out")
-            + "slope explains it. A soil that changes at 8 s would explain it too: drive beside this track "
-            + "in the opposite direction; what changes at the same place is the soil.",
+            MISSES.replace("the held-out", "with 1 soil instead of 2, the held-out")
+            + "slope explains it. A soil that changes at 8 s would explain it too. To tell, drive beside "
+            + "this track in the opposite direction: a change at the same place is the soil.",
             NEW + "slope" + DATA,
             id="one name on fewer soils",
         ),
@@ -90,9 +90,9 @@ def evidence(ratios, **known):
                 leaves=True,
             ),
             "explained",
-            MISSES.replace("the held-out", "with 1 soil in place of 2, the held-out")
+            MISSES.replace("the held-out", "with 1 soil instead of 2, the held-out")
             + "slope explains most of it, but this is not certain. "
-            + "A soil that changes at 8 s would explain it better: ",
+            + "A soil that changes at 8 s would explain it better. To tell, ",
             NEW + "slope" + DATA,
             id="most of it on fewer soils",
         ),
@@ -100,7 +100,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, tracked=True),
             "explained",
-            MISSES + "it varies with what was recorded.",
+            MISSES + "the residuals are systematic.",
             LOOK,
             id="findings",
         ),
@@ -110,7 +110,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(FINE, raised=True, tracked=True),
             "explained",
-            SMALL + "it varies with what was recorded.",
+            SMALL + "the residuals are systematic.",
             LOOK,
             id="findings within the noise",
         ),
@@ -118,7 +118,7 @@ def evidence(ratios, **known):
             evidence(FINE, raised=True, verdict="effect", family=("slope",)),
             "explained",
             "The model may miss something: the held-out error is at most 1.02 × the noise (in torque) but "
-            "not random, and slope explains it.",
+            "systematic, and slope explains it.",
             NEW + "slope" + DATA,
             id="one name within the noise",
         ),
@@ -128,7 +128,8 @@ def evidence(ratios, **known):
             ),
             "unexplained",
             "The model fits as well as these data can tell: the held-out error is at most 1.02 × the noise "
-            "(in torque). What is left may not be random, but slope and crust were tried and do not pay.",
+            "(in torque). What is left may be systematic, but slope and crust were tried, and "
+            "held-out data do not support them.",
             "",
             id="nothing pays within the noise",
         ),
@@ -157,7 +158,7 @@ def evidence(ratios, **known):
             evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), drive="drive uphill"),
             "explained",
             MISSES + "one of slope and crust explains it; these data cannot tell which. "
-            "First take this drive, and diagnose both logs together: drive uphill.",
+            "First record this drive, and diagnose both logs together: drive uphill.",
             NEW + "--until-quiet" + DATA,
             id="a family that a drive settles",
         ),
@@ -165,7 +166,7 @@ def evidence(ratios, **known):
             evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), checks=("weigh it",)),
             "explained",
             MISSES + "one of slope and crust explains it; these data cannot tell which. "
-            "No drive can tell all of them apart: first weigh it. Without it, only the held-out",
+            "No drive can tell all of them apart: first weigh it. Otherwise the next command",
             NEW + "--until-quiet" + DATA,
             id="a family that a sensor's check settles",
         ),
@@ -188,8 +189,8 @@ def evidence(ratios, **known):
             ),
             "explained",
             MISSES + "one of slope, crust and load-bias explains it; these data cannot tell which. "
-            "First take this drive, and diagnose both logs together: drive uphill. "
-            "Also weigh it: the drive does not tell all of them apart. Without it, only the held-out",
+            "First record this drive, and diagnose both logs together: drive uphill. "
+            "Also weigh it: the drive alone does not tell all of them apart. Otherwise the next command",
             NEW + "--until-quiet" + DATA,
             id="a family that both settle",
         ),
@@ -239,32 +240,31 @@ def evidence(ratios, **known):
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
             UNFIT
-            + "nothing that was recorded explains it beyond chance. "
+            + "no recorded channel tracks the misfit. "
             + AGAIN
-            + " changes, it is the soil; if it returns, the model. Also record a channel that effects need: "
-            + "pitch or slip angle.",
+            + " changes, the soil varies; if it returns, the model lacks something. Also record "
+            + "a channel that effects need: pitch or slip angle.",
             "",
             id="nothing follows",
         ),
         pytest.param(
             evidence(OFF, verdict="none", points=True),
             "unexplained",
-            UNFIT + "nothing that was recorded explains it beyond chance. "
-            "The soil may vary, or the model lacks something. Repeat the test points on fresh soil: if",
+            UNFIT + "no recorded channel tracks the misfit. Repeat the test points on fresh soil: if",
             "",
             id="nothing follows of test points",
         ),
         pytest.param(
             evidence(OFF, verdict="none"),
             "unexplained",
-            UNFIT + "nothing that was recorded explains it beyond chance. " + AGAIN,
+            UNFIT + "no recorded channel tracks the misfit. " + AGAIN,
             "",
             id="all is recorded",
         ),
         pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",), refused=("slope",)),
             "unexplained",
-            UNFIT + "slope was tried and does not pay.",
+            UNFIT + "slope was tried, and held-out data do not support it.",
             "",
             id="tried, and did not pay",
         ),
@@ -279,43 +279,43 @@ def evidence(ratios, **known):
             ),
             "unexplained",
             UNFIT
-            + "slope was tried and does not pay. To see if it is there all the same, take this drive, and "
-            "diagnose both logs together: climb a hill.",
+            + "slope was tried, and held-out data do not support it. To test slope again, record this drive, "
+            "and diagnose both logs together: climb a hill.",
             "",
             id="tried, and a drive can tell",
         ),
         pytest.param(
             evidence(OFF, raised=True, verdict="unknown", refused=("law.toml",)),
             "unexplained",
-            UNFIT + "law.toml was tried and does not pay.",
+            UNFIT + "law.toml was tried, and held-out data do not support it.",
             "",
             id="a law that did not pay",
         ),
         pytest.param(
             evidence(OFF, raised=True, tracked=True, refused=("stiffness-with-load",)),
             "unexplained",
-            UNFIT + "stiffness-with-load was tried and does not pay. " + AGAIN,
+            UNFIT + "stiffness-with-load was tried, and held-out data do not support it. " + AGAIN,
             "",
             id="a law that a diagnosis drafted before",
         ),
         pytest.param(
             evidence(UNKNOWN, points=True, refused=("slope",)),
             "undecided",
-            "No effect stands out, but the noise of torque is not known. Repeat some test points",
+            "The data show no missing effect, but the noise of torque is not known: repeat some test points",
             "",
             id="noise of test points unknown, one was tried",
         ),
         pytest.param(
             evidence(OFF, raised=True, refused=("slope",)),
             "unexplained",
-            UNFIT + "slope was tried and does not pay.",
+            UNFIT + "slope was tried, and held-out data do not support it.",
             NEW + "--until-quiet" + DATA,
             id="scores, one was tried",
         ),
         pytest.param(
             evidence(OFF, refused=("slope",)),
             "unexplained",
-            UNFIT + "slope was tried and does not pay.",
+            UNFIT + "slope was tried, and held-out data do not support it.",
             NEW + "--until-quiet" + DATA,
             id="scores silent, one was tried",
         ),
@@ -343,7 +343,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none", closest="slope"),
             "unexplained",
-            UNFIT + "no effect explains it beyond chance, but slope may: held-out data can judge it.",
+            UNFIT + "no effect explains it significantly; held-out data can test slope.",
             NEW + "slope" + DATA,
             id="by chance or not",
         ),
@@ -364,7 +364,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(UNKNOWN, points=True),
             "undecided",
-            "No effect stands out, but the noise of torque is not known.",
+            "The data show no missing effect, but the noise of torque is not known",
             LOOK,
             id="noise of test points unknown",
         ),
@@ -379,7 +379,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(UNKNOWN),
             "undecided",
-            "No effect stands out, but the noise of torque is not known.",
+            "The data show no missing effect, but the noise of torque is not known",
             "",
             id="noise unknown",
         ),
@@ -426,7 +426,7 @@ STRETCH = {"raised": True, "tracked": True, "stretch": (40.0, 59.95)}
 @pytest.mark.parametrize("further", [{}, {"verdict": "family", "family": ("slope", "crust"), "share": 0.1}])
 def test_a_stretch_that_differs_is_left_out_and_the_rest_compared(further):
     told = conclude(evidence(OFF, **STRETCH, **further), ASKED)
-    assert told.sentence.startswith(MISSES + "most of all from 40 s to 59.95 s: see what happened then")
+    assert told.sentence.startswith(MISSES + "most of all from 40 s to 59.95 s: find out what happened then")
     condition = "time < 40 or time > 59.95"
     assert told.command == f"terrain-est compare 'a run.csv' --segments none --where '{condition}'"
     before = Asked(inputs=("run.csv",), options=("--where", "load > 50"))
@@ -439,7 +439,7 @@ def test_a_step_with_time_is_told_once_no_effect_explains_it():
     steps = {"raised": True, "tracked": True, "stretch": (40.0, math.inf)}
     assert conclude(evidence(OFF, **steps), ASKED).command == LOOK
     told = conclude(evidence(OFF, **steps, verdict="unknown", law="torque follows load"), ASKED)
-    assert told.sentence.startswith(MISSES + "most of all after 40 s: see what happened then")
+    assert told.sentence.startswith(MISSES + "most of all after 40 s: find out what happened then")
     assert told.command == "terrain-est compare 'a run.csv' --segments none --where 'time < 40'"
     named = {"verdict": "effect", "family": ("multi-pass",), "share": 0.9}
     assert conclude(evidence(OFF, **steps, **named), ASKED).command.startswith(NEW + "multi-pass")
@@ -448,7 +448,7 @@ def test_a_step_with_time_is_told_once_no_effect_explains_it():
 @pytest.mark.parametrize("verdict", [None, "none"])
 def test_a_stretch_is_told_too_where_a_diagnosis_finds_no_effect(verdict):
     told = conclude(evidence(OFF, **{**STRETCH, "raised": verdict is None}, verdict=verdict), ASKED)
-    assert "most of all from 40 s to 59.95 s: see what happened then" in told.sentence
+    assert "most of all from 40 s to 59.95 s: find out what happened then" in told.sentence
     assert told.command.endswith("--where 'time < 40 or time > 59.95'")
 
 
@@ -498,9 +498,7 @@ def test_after_a_loop_that_found_nothing_none_is_proposed():
 
 def test_what_a_finding_tracks_was_recorded_though_no_effect_explains_it():
     told = conclude(evidence(OFF, verdict="none", tracked=True), ASKED).sentence
-    assert told.startswith(
-        f"{UNFIT}it varies with what was recorded, but no effect explains it beyond chance."
-    )
+    assert told.startswith(f"{UNFIT}the residuals are systematic, but no effect explains them significantly.")
 
 
 def test_where_the_pull_alone_is_off_it_is_not_the_soil():
@@ -521,10 +519,9 @@ def test_the_next_command_changes_the_file_that_is_there():
 
 def test_without_drawbar_pull_it_says_what_would_not_show():
     """A torque that is off by a constant is cohesion then, a load by a factor friction."""
-    assert conclude(evidence(FINE), ASKED).sentence.endswith("look like another soil: they would not show.")
-    assert (
-        "drawbar" not in conclude(evidence({**FINE, "drawbar pull": 0.99}), ASKED).sentence.split("stands")[1]
-    )
+    assert conclude(evidence(FINE), ASKED).sentence.endswith("each looks like another soil.")
+    pulled = conclude(evidence({**FINE, "drawbar pull": 0.99}), ASKED).sentence
+    assert "drawbar" not in pulled.split("data show")[1]
 
 
 def test_a_base_that_is_not_the_usual_one_is_named():
@@ -599,9 +596,9 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         (
             2.0,
             4.4,
-            "2.2 × the noise in torque (noise in torque as it is with sensor-lag), and sensor-lag explains",
+            "2.2 × the noise in torque (noise of torque as estimated with sensor-lag), and sensor-lag",
         ),
-        (3.9, 4.4, "at most 1.10 × the noise (in torque) but not random, and sensor-lag explains"),
+        (3.9, 4.4, "at most 1.10 × the noise (in torque) but systematic, and sensor-lag explains"),
         # Where compare sees it too, both say the same.
         (2.0, 10.0, "2.5 × the noise in torque, and sensor-lag explains"),
     ],

@@ -97,7 +97,7 @@ def test_a_gain_that_follows_a_column_is_drafted_as_one():
     found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
     assert found.verdict == "unknown"
     assert (found.unknown.channel, found.unknown.driver, found.unknown.form) == ("torque", "supply", "gain")
-    assert "the gain of torque follows supply (linear), which" in found.sentence
+    assert "the gain of torque varies with supply (linear), which" in found.sentence
     assert tomllib.loads(found.unknown.draft)["law"] == "torque * (1 + a * supply + b)"
 
 
@@ -154,13 +154,13 @@ def test_a_square_is_about_zero_where_the_driver_comes_near_it(column, law):
 @pytest.mark.parametrize(
     ("changes", "driver", "same", "words"),
     [
-        ("drawbar_pull", "yaw_rate", (), "drawbar pull follows yaw rate"),
-        ("drawbar_pull", "x", ("time",), "drawbar pull follows x or time"),
+        ("drawbar_pull", "yaw_rate", (), "drawbar pull varies with yaw rate"),
+        ("drawbar_pull", "x", ("time",), "drawbar pull varies with x or time"),
         ("slip", "slip", (), "slip is off by a constant and a factor"),
         ("torque", "", (), "torque is off by a constant"),
-        ("tan_phi", "humidity", (), "the soil's tan φ follows humidity"),
+        ("tan_phi", "humidity", (), "the soil's tan φ varies with humidity"),
         # What the law changes is said, not in which channel it shows most.
-        ("stiffness", "sinkage", (), "the soil's stiffness follows sinkage"),
+        ("stiffness", "sinkage", (), "the soil's stiffness varies with sinkage"),
     ],
 )
 def test_a_law_in_a_few_words(changes, driver, same, words):

@@ -51,7 +51,7 @@ def test_a_law_stands_alone_where_every_effect_leaves_much_of_the_misfit():
 def test_a_law_stands_beside_an_effect_that_leaves_little(effect, draft):
     unknown, alone = judged((200.0, 0.40), effect, draft)
     assert not alone
-    assert unknown.sentence.startswith("A law of one driver predicts it better")
+    assert unknown.sentence.startswith("A drafted law predicts better")
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_law_stands_beside_effects_of_which_two_explain_as_much(pair, alone):
     """Each of two that are missing leaves what the other would take."""
     unknown, found = judged((200.0, 0.40), (150.0, 0.30), (100.0, 0.15), pair=pair)
     assert found == alone
-    assert unknown.sentence.startswith("No effect" if alone else "A law of one driver predicts it better")
+    assert unknown.sentence.startswith("No effect" if alone else "A drafted law predicts better")
 
 
 @pytest.mark.parametrize("pair", [None, (98.0, 0.15)])
@@ -131,7 +131,7 @@ def test_such_an_error_is_told_beside_the_effect(changes, driver, says):
     unknown, alone = outside_catalogue.verdict(base, effect, [rival], ("drawbar-bias",), rival=rival)
     assert not alone
     assert unknown.channel == changes
-    assert unknown.sentence.startswith(f"A sensor's error predicts it as well: {says}")
+    assert unknown.sentence.startswith(f"A sensor's error predicts as well: {says}")
 
 
 def test_a_slip_that_is_off_gives_no_name_to_something_else():

@@ -6,8 +6,8 @@ import pytest
 
 from terrain_cli.diagnosis import verdict
 
-THROUGHOUT = "sinkage is under-predicted by 4.3 mm throughout"
-ALONG_SLIP = "drawbar pull is more and more over-predicted as slip rises: by 8.2 N from 0 to 0.6"
+THROUGHOUT = "the model predicts 4.3 mm too little sinkage throughout"
+ALONG_SLIP = "the model predicts 8.2 N too much drawbar pull at slip 0.6, compared with 0"
 
 
 def diagnosed(heldout, verdict="effect", together=()):
@@ -37,7 +37,7 @@ def found(channel, sentence, share):
 
 def said(heldout, *failures, changed=()):
     text = verdict.sentence(diagnosed(heldout), failures, changed)
-    return text[: text.index(" Most likely gear-efficiency")]
+    return text[: text.index(" Most likely cause: gear-efficiency")]
 
 
 def test_a_misfit_that_the_soil_moved_to_another_channel_is_told_where_it_is():
@@ -50,7 +50,7 @@ def test_a_finding_of_that_channel_is_told_where_it_is_much_of_the_misfit():
     text = said(
         (0.42, 12.9, 6.1e-4), found("sinkage", THROUGHOUT, 0.6), found("drawbar_pull", ALONG_SLIP, 0.35)
     )
-    assert text == f"D{ALONG_SLIP[1:]}."
+    assert text == f"T{ALONG_SLIP[1:]}."
 
 
 @pytest.mark.parametrize(
@@ -65,11 +65,11 @@ def test_the_strongest_finding_is_told_where_it_shows(heldout, changed):
     text = said(
         heldout, found("sinkage", THROUGHOUT, 0.9), found("drawbar_pull", ALONG_SLIP, 0.3), changed=changed
     )
-    assert text == f"S{THROUGHOUT[1:]}."
+    assert text == f"T{THROUGHOUT[1:]}."
 
 
 def test_without_a_finding_the_name_comes_first():
-    assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4)), []).startswith("Most likely gear-efficiency")
+    assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4)), []).startswith("Most likely cause: gear-efficiency")
 
 
 def test_of_a_family_those_of_a_doubtful_size_are_marked():
@@ -79,8 +79,8 @@ def test_of_a_family_those_of_a_doubtful_size_are_marked():
         SimpleNamespace(effect="crust", sizes={}, doubt="at its bound", in_family=True, explained=0.9)
     )
     assert verdict.sentence(found, []) == (
-        "Gear-efficiency, or slope: these data cannot tell. Crust (at its bound) would explain it too, but "
-        "with a doubtful size."
+        "Possible causes: gear-efficiency or slope; these data cannot tell which. "
+        "Not credible: crust (at its bound)."
     )
 
 
@@ -91,7 +91,7 @@ def test_beside_a_stretch_no_effect_is_named_that_explains_little():
         (40.0, 60.0),
         0.09,
     )
-    stretch = "torque is under-predicted by 1.6 N m from 40 s to 60 s"
+    stretch = "the model predicts 1.6 N m too little torque from 40 s to 60 s"
     assert verdict.sentence(log, [found("torque", stretch, 0.6)], ["torque"]) == (
         f"T{stretch[1:]}. No effect explains most of it: gear-efficiency or slope at most 9%."
     )
@@ -101,4 +101,13 @@ def test_two_that_are_missing_together_are_no_alternatives():
     pair = ("gear-efficiency", "slope")
     assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4), "family", pair), []) == (
         "Gear-efficiency and slope together explain more than any effect alone."
+    )
+
+
+def test_beside_a_pair_the_best_single_effects_are_named():
+    log = diagnosed((0.4, 5.0, 6e-4), "family", ("gear-efficiency", "slope"))
+    log.family = ("gear-efficiency", "crust")
+    assert verdict.sentence(log, []) == (
+        "Gear-efficiency and slope together explain more than any effect alone. "
+        "The best single effects are gear-efficiency and crust."
     )

@@ -14,9 +14,9 @@ from terrain_cli.windows import cut_windows
     [
         ("wheel-radius", "relative_error", 0.207, True, "7 times its usual size"),
         ("wheel-radius", "relative_error", 0.05, True, ""),
-        ("wheel-radius", "relative_error", 0.05, False, "the data leave it open"),
+        ("wheel-radius", "relative_error", 0.05, False, "left open by the data"),
         ("wheel-radius", "relative_error", 0.4, True, "at its bound"),
-        # An error of 0.13 beside "the data leave it open" would be a riddle.
+        # An error of 0.13 beside "left open by the data" would be a riddle.
         ("slip-sinkage", "bend", 2.0, False, "at its bound"),
     ],
 )
@@ -33,7 +33,7 @@ def test_a_heavy_wheel_has_more_friction():
 
 def test_of_the_soil_only_what_the_data_leave_open_is_remarked():
     assert remark(None, 0.02, determined=True) == ""
-    assert remark(None, 0.02, determined=False) == "the data leave it open"
+    assert remark(None, 0.02, determined=False) == "left open by the data"
 
 
 def test_another_process_estimates_the_segments_of_both_models(tmp_path, monkeypatch):

@@ -96,7 +96,7 @@ def test_only_stretches_kept_aside_count():
     assert step(outcome(errors), outcome(named)).pays
     judged = step(outcome(errors, aside=aside), outcome(named, aside=aside))
     assert (judged.pays, judged.proof) == (False, "stretches kept aside")
-    assert "(on the stretches kept aside, in no channel did it change significantly" in verdict(judged)
+    assert "(on the stretches kept aside, in no channel was the change significant" in verdict(judged)
 
 
 def test_where_nothing_can_be_kept_aside_the_proof_says_so():
@@ -105,8 +105,8 @@ def test_where_nothing_can_be_kept_aside_the_proof_says_so():
     short = [TooShort("too short to keep stretches aside")]
     one, same = (step(outcome(errors, remarks=some), outcome(errors, remarks=some)) for some in (short, ()))
     assert (one.proof, same.proof) == ("same data", "same data")
-    assert proof(one) == "proof: on stretches that may have helped to name it: too short to keep any aside"
-    assert proof(same).endswith("; for a stricter one give --confirm LOG or --keep-aside SHARE")
+    assert proof(one) == "proof: on data that may have chosen the effect: too short to keep any aside"
+    assert proof(same).endswith("; for a stricter proof give --confirm LOG or --keep-aside SHARE")
     assert model_history.same_stretches(same) == "no others were kept aside"
     # Nothing names what is taken out.
     assert model_history.same_stretches(replace(one, action="remove")) == ""

@@ -130,14 +130,18 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
     assert kept.rivals == ("drivetrain-friction", "load-bias")
     assert kept.next_drive.manoeuvre == "drive for slip-sinkage"
     assert (
-        "kept slip-sinkage; these data do not tell it from drivetrain-friction and load-bias: "
+        "kept slip-sinkage; these data cannot tell it from drivetrain-friction or load-bias: "
         "drive for slip-sinkage" in change_text.loop_text([*refused, kept], end)
+    )
+    drive = replace(kept.next_drive, settings={"load": [48.0, 80.0]}, power=0.9)
+    assert change_text.doubt(replace(kept, next_drive=drive)).endswith(
+        "; to tell, drive for slip-sinkage (power 90%)"
     )
     # Where its rivals are in the model too, nothing is in doubt.
     effects_too = tuple(SimpleNamespace(id=name) for name in family)
     model = replace(end.file.model, effects=effects_too)
     both = replace(end, file=replace(end.file, model=model))
-    assert "do not tell" not in change_text.loop_text([kept], both)
+    assert "cannot tell it" not in change_text.loop_text([kept], both)
     whole = change_text.loop([*refused, kept], end)["steps"][-1]
     entry = model_history.entry(kept, "")
     for found in (whole, entry):
@@ -172,7 +176,7 @@ def test_one_name_has_no_rivals(right):
     assert "do not tell" not in told
     # Another drive is for effects that are named.
     assert (
-        "proof: on stretches that may have helped to name it; for a stricter one give --keep-aside SHARE\n"
+        "proof: on data that may have chosen the effect; for a stricter proof give --keep-aside SHARE\n"
         in told
     )
     assert model_history.entry(kept, "")["rivals"] is None
@@ -182,7 +186,7 @@ def test_what_does_not_pay_is_never_kept(clean):
     steps, end = run(clean, ["drivetrain-friction", "load-bias"])
     assert told(steps) == [("add", "drivetrain-friction", False), ("add", "load-bias", False)]
     assert (effects(end), end.silent) == ([], False)
-    assert "drivetrain-friction and load-bias did not" in end.because
+    assert "no further effect; tried: drivetrain-friction and load-bias" in end.because
 
 
 def test_an_effect_that_another_makes_needless_is_dropped(folder):
@@ -225,7 +229,7 @@ def test_unknown_stops_without_a_place_for_a_draft(sinks):
         ),
     )
     assert (steps, end.silent) == ([], False)
-    assert end.because == "sinkage follows slip; no draft was asked for"
+    assert end.because == "sinkage follows slip; --draft FILE.toml adds this law"
 
 
 def test_a_draft_is_tried_as_any_effect(sinks, tmp_path, monkeypatch):

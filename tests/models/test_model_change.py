@@ -110,7 +110,7 @@ def test_no_effect_has_their_names():
 
 def test_they_are_listed_and_shown_with_the_effects(terrain_est_here):
     told = terrain_est_here("effects", "list").stdout
-    assert "assumptions of a base, which model add lifts:\nlinearised-stresses" in told
+    assert "assumptions of a base, which model add removes:\nlinearised-stresses" in told
     assert "assumptions" not in terrain_est_here("effects", "list", "--kind", "sensor").stdout
     shown = terrain_est_here("effects", "show", MODULUS, "slip-sinkage")
     assert shown.returncode == 0

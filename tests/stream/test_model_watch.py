@@ -89,13 +89,13 @@ def test_a_torque_that_shifts_is_told_once_with_its_size_and_time():
     some = spoilt(lines(SECONDS), "torque", 0.3, 45.0)
     told = followed(text(some), model="wong-reece", segments="none")
     (said,) = [remark for remark in told.remarks if "torque" in remark]
-    assert said.startswith("the wheel: the model misses: torque is 0.")
-    assert "N m above what it predicts, since " in said
-    size = float(said.partition("torque is ")[2].split()[0])
+    assert said.startswith("the wheel: the model predicts 0.")
+    assert "N m too little torque since " in said
+    size = float(said.partition("predicts ")[2].split()[0])
     since = float(said.partition("since ")[2].split()[0])
     assert size == pytest.approx(0.3, abs=0.1)
     assert since == pytest.approx(45.0, abs=5.0)
-    assert said.endswith("to find out why: terrain-est diagnose LOG --model wong-reece")
+    assert said.endswith("Next: terrain-est diagnose LOG --model wong-reece")
 
 
 @pytest.mark.parametrize("block", [4096, 1 << 20])

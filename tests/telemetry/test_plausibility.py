@@ -108,12 +108,12 @@ WRONG = {
         "error",
         "%",
     ),
-    "load kN": (lambda d: d.assign(load=d["load"] / 1e3), "no soil takes", "error", "kN"),
+    "load kN": (lambda d: d.assign(load=d["load"] / 1e3), "any soil can resist", "error", "kN"),
     "load mN": (lambda d: d.assign(load=d["load"] * 1e3), "times load times wheel radius", "error", "mN"),
-    "load kg": (lambda d: d.assign(load=d["load"] / 9.80665), "no soil takes", "doubt", "kgf"),
+    "load kg": (lambda d: d.assign(load=d["load"] / 9.80665), "any soil can resist", "doubt", "kgf"),
     "load g": (lambda d: d.assign(load=d["load"] / 9.80665e-3), "wheel radius at a slip", "doubt", "kgf"),
-    "torque N mm": (lambda d: d.assign(torque=d["torque"] * 1e3), "no soil takes", "error", "N mm"),
-    "torque N cm": (lambda d: d.assign(torque=d["torque"] * 1e2), "no soil takes", "error", "N cm"),
+    "torque N mm": (lambda d: d.assign(torque=d["torque"] * 1e3), "any soil can resist", "error", "N mm"),
+    "torque N cm": (lambda d: d.assign(torque=d["torque"] * 1e2), "any soil can resist", "error", "N cm"),
     "torque kN m": (lambda d: d.assign(torque=d["torque"] / 1e3), "radius at a slip", "error", "kN m"),
     "torque, other sign": (lambda d: d.assign(torque=-d["torque"]), "negative", "doubt", "N m"),
     "sinkage mm": (lambda d: d.assign(sinkage=d["sinkage"] * 1e3), "beyond the radius", "error", "mm"),
@@ -328,7 +328,7 @@ def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):
     assert judged(drive.assign(torque=torque)) == told() == []
     with pytest.raises(ImplausibleError):
         judged(drive.assign(torque=1e3 * drive["torque"]))
-    with pytest.raises(ImplausibleError, match="which no soil takes"):
+    with pytest.raises(ImplausibleError, match="more than any soil can resist"):
         told()
 
 
@@ -372,5 +372,5 @@ def test_a_command_tells_a_doubt_and_an_error(command, drive, tmp_path, monkeypa
     assert told in (err if command[0] == "estimate" else out)
     code, out, err = run(drive.iloc[:60].assign(torque=1e3 * drive["torque"]))
     assert code == (0 if command[0] == "inspect" else 65)
-    assert "times load times wheel radius, which no soil takes" in out + err
+    assert "times load times wheel radius, more than any soil can resist" in out + err
     assert 'torque = { column = "torque", unit = "N mm" }' in out + err

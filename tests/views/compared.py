@@ -143,7 +143,7 @@ def comparison_of(run, *, source="run.csv", extra="bus_voltage", failures=True, 
         amplitude=EXCESS,
         unit="N m",
         at=ABOVE,
-        sentence=f"torque is under-predicted by {EXCESS:.1f} N m above slip {ABOVE}",
+        sentence=f"the model predicts {EXCESS:.1f} N m too little torque above slip {ABOVE}",
         worst_segments=((source, "front-left", 1),),
     )
     return Comparison(

@@ -136,11 +136,11 @@ def test_a_region_wider_than_the_axes_is_told_of(comparison):
 def test_track(comparison):
     misfit = shown_samples.misfit(comparison, "torque")
     table = shown_segments.soil_table(comparison)
-    figure = soil_figures.track(table, {"rms misfit of torque (N m)": misfit})
+    figure = soil_figures.track(table, {"rms error of torque (N m)": misfit})
     drawn(figure)
     said = texts(figure)
     strength = f"strength at {table['stress_kPa'][0]:g} kPa (kPa)"
-    for text in ("x (m)", "y (m)", strength, "rms misfit of torque (N m)", "front-left"):
+    for text in ("x (m)", "y (m)", strength, "rms error of torque (N m)", "front-left"):
         assert text in said
     maps = [axes for axes in figure.axes if axes.get_aspect() == 1.0]
     assert len(maps) == 4

@@ -40,7 +40,7 @@ def test_table_has_the_error_of_each_model_over_its_own_noise(comparison, choice
 
 def test_pictures_hold_the_misfit_of_each_model(choices):
     charts = [part for part in model_sections.section(choices).parts if isinstance(part, Chart)]
-    chart = next(one for one in charts if one.title.startswith("Misfit of torque against slip"))
+    chart = next(one for one in charts if one.title.startswith("Residual of torque against slip"))
     (param,) = (one for one in chart.spec["params"] if one["name"] == "model")
     assert (param["value"], param["bind"]["element"]) == ("0", "#model")
     medians = {

@@ -39,7 +39,7 @@ _MOST_DRIVERS = 2
 #: Characters in a line of a model's name beside a picture.
 _LINE = 27
 _TEXT = (
-    "Choose a model at the top of the page. The pictures below then show its errors and its misfit. All "
+    "Choose a model at the top of the page. The pictures below then show its errors and residuals. All "
     "models are fitted to the same samples, and their errors are those on stretches that were left out of "
     "the fit. A name that begins with + is the model of this page with one more effect."
 )
@@ -136,7 +136,7 @@ def _misfits(models: Sequence[Alternative], name: str, what: Quantity) -> list[C
             )
         charts.append(
             Chart(
-                f"Misfit of {what.words} against {along.quantity.words}, by model",
+                f"Residual of {what.words} against {along.quantity.words}, by model",
                 f"Median and 5 to 95 % of measured less predicted {what.words} over {along.quantity.words}, "
                 "for the model that is chosen; the dotted line is the median of the model of this page.",
                 _misfit(bands, along.quantity.label, what.in_unit, str(_own(models))),

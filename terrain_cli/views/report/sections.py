@@ -74,7 +74,7 @@ def of(
     names, keys, worst = content.table["name"], content.table["key"], content.order[0]
     several = len(content.kept) > 1
     choices = [
-        (str(keys[row]), f"{names[row]}{' (worst misfit)' if row == worst and several else ''}")
+        (str(keys[row]), f"{names[row]}{' (largest errors)' if row == worst and several else ''}")
         for row in content.kept
     ]
     sections = []
@@ -176,7 +176,7 @@ def _soil(content: _Content) -> Section:
     if any(shown["WKT"]):
         maps = dict([shown_segments.mapped_strength(shown)])
         for name, what in shown_samples.channels(content.comparison).items():
-            maps[f"misfit of {what.words}{what.in_unit}"] = content.misfits[name][content.kept]
+            maps[f"rms error of {what.words}{what.in_unit}"] = content.misfits[name][content.kept]
         parts += [
             Chart(
                 f"Track by {label}",
@@ -230,11 +230,11 @@ def _segments(content: _Content) -> Table:
     shown = shown_samples.channels(content.comparison)
     head = (
         *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
-        *(f"Misfit of {what.symbol}{what.in_unit}" for what in shown.values()),
+        *(f"Rms error of {what.symbol}{what.in_unit}" for what in shown.values()),
         "Status",
     )
     left_out = len(names) - len(kept)
-    note = "Values with their standard error; misfit is the rms of measured less predicted."
+    note = "Values with their standard error; the errors are those of the prediction."
     if left_out:
         note += f" {left_out:,} segments that are predicted better are left out."
     return Table("Soil under each segment", head, rows, frozenset(range(2, len(head) - 1)), note)
@@ -253,7 +253,7 @@ def _agreement(content: _Content) -> Section:
             chart = drive_charts.residual(
                 along, pooled, what.in_unit, noise, keys, content.chosen, height=320
             )
-            title = f"Misfit of {what.words} along the drive"
+            title = f"Residual of {what.words} along the drive"
             parts.append(Chart(title, _described(along, pooled.residual, what), chart, wide=True))
         few = pooled.take(_few_of_each(pooled.segment, content.kept))
         place, axis, driven = _along(comparison, few)
@@ -318,7 +318,7 @@ def _failures(content: _Content) -> Section:
             along = shown_samples.driver(comparison, driver, pooled)
             parts.append(
                 Chart(
-                    f"Misfit of {what.words} against {along.quantity.words}",
+                    f"Residual of {what.words} against {along.quantity.words}",
                     _described(along, pooled.residual, what),
                     drive_charts.residual(along, pooled, what.in_unit, noise, keys, content.chosen),
                 )
@@ -330,7 +330,7 @@ def _failures(content: _Content) -> Section:
     )
     text = [legend]
     if not rows:
-        text.insert(0, "No recorded channel tracks the misfit beyond what noise and changing soil explain.")
+        text.insert(0, "No recorded channel tracks the misfit.")
     return Section(id="failures", title="Where it fails", text=text, parts=parts)
 
 
@@ -339,13 +339,13 @@ def _described(along: shown_samples.Along, residual: Array, what: quantities.Qua
     band = shown_samples.band(along.values, residual)
     known = np.isfinite(band.median)
     if not known.any() or along.labels:
-        return f"Misfit of {what.words} against {driver.words}."
+        return f"Residual of {what.words} against {driver.words}."
     median, centre = band.median[known], band.centre[known]
     low, high = int(np.argmin(median)), int(np.argmax(median))
     unit = f" {driver.unit}".rstrip()
     least, most = (f"{quantities.number(median[k])} {what.unit} at" for k in (low, high))
     here, there = (f"{quantities.number(centre[k])}{unit}" for k in (low, high))
-    return f"The median misfit of {what.words} goes from {least} {driver.words} {here} to {most} {there}."
+    return f"The median residual of {what.words} goes from {least} {driver.words} {here} to {most} {there}."
 
 
 def _range(values: Array) -> str:
