@@ -116,8 +116,8 @@ def unrecorded(effects: Sequence[Effect], wheels: Sequence[FittedWheel]) -> tupl
 
 def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
     lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
-    # What is computed of neighbours is not there of too few samples.
-    lacking |= {name for wheel in wheels for name in effect.needs if name in DERIVED - wheel.channels.keys()}
+    # What is computed of neighbouring samples is not there where these are too few.
+    lacking |= {name for wheel in wheels for name in {*effect.needs} - _available(wheel).keys()}
     measured = {name for wheel in wheels for name in wheel.measured}
     if lacking:
         return f"needs {' and '.join(sorted(lacking))}"
