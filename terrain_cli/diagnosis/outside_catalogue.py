@@ -23,11 +23,10 @@ from terrain_cli.telemetry.effect_inputs import sources
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from terrain_cli.diagnosis.drafted_laws import Draft
     from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.diagnosis.signatures import SignatureEvidence
     from terrain_cli.vocabulary.arrays import Array
 
 
@@ -65,7 +64,10 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         one_block = np.zeros(len(rows), dtype=np.intp)
         screened = drafted_laws.screen(wheel, values, known.channels, rows, steps)
         for changes, drafts in groupby(screened, key=itemgetter(0)):
-            several = [(draft[1:3], _whitened(known, draft[3])) for draft in drafts]
+            several = [
+                (draft[1:3], known.whitened(draft[3], next(iter(draft[3].values())).shape[1]))
+                for draft in drafts
+            ]
             tables = np.concatenate([table for _, table in several], axis=2)
             found, _ = signatures.scores(known.residual, known.soil, tables, wheel.window[rows], one_block, 1)
             first = 0
@@ -99,10 +101,6 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
     )
     tried.sort(key=lambda one: float(one.refit.loss.sum()))
     return _plainest(tried, base)
-
-
-def _whitened(known: SignatureEvidence, tables: Mapping[str, Array]) -> Array:
-    return known.whitened(tables, next(iter(tables.values())).shape[1])
 
 
 def _tried(data: Ground, written: tuple[Draft, Hypothesis, list[dict[str, Array]]]) -> Tried:

@@ -320,7 +320,12 @@ def candidates(
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
         change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
-        wheels = [] if refit is None else _with(log, one, refit, anew=one.id == first)
+        wheels: list[FittedWheel] = []
+        if one.id == first and refit is not None:
+            # As `compare` and `model add` fit it; of the others, in less time, with what the refit found.
+            wheels = [refits.fitted_anew(wheel, one) for wheel in data.wheels]
+        elif refit is not None:
+            wheels = refits.on_wheels(data, one, refit)
         return Candidate(
             effect=one.id,
             title=one.title,
@@ -346,16 +351,6 @@ def candidates(
     return sorted(
         listed, key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss)
     )
-
-
-def _with(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> list[FittedWheel]:
-    """Return the wheels with a hypothesis, as `compare` and `model add` predict of them.
-
-    Fitted `anew` as they do, or, in less time, with the parameters of the refit.
-    """
-    if anew:
-        return [refits.fitted_anew(wheel, one) for wheel in log.data.wheels]
-    return refits.on_wheels(log.data, one, refit)
 
 
 def as_it_is(log: DiagnosedLog) -> dict[str, float]:

@@ -125,14 +125,12 @@ class FitData:
             steady=self.steady[:, windows],
         )
 
-    def without(self, left: Mask) -> tuple[FitData, Index]:
-        """Leave some samples out; return the others and their rows."""
+    def without(self, left: Mask) -> FitData:
+        """Leave some samples out."""
         kept = np.flatnonzero(~left)
         if len(kept) == len(left):
-            return self, kept
-        return self.take(
-            kept, np.diff(np.searchsorted(kept, self.bounds)), np.arange(len(self.windows))
-        ), kept
+            return self
+        return self.take(kept, np.diff(np.searchsorted(kept, self.bounds)), np.arange(len(self.windows)))
 
     def rows_of(self, windows: Index) -> Index:
         """Return the samples of some windows, counted within this data."""
@@ -167,10 +165,8 @@ class FitData:
             first = last
 
 
-def collect(
-    model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given
-) -> tuple[FitData, Index]:
-    """Sort channels into what is given and what is predicted; return the rows that tell something too.
+def collect(model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given) -> FitData:
+    """Sort channels into what is given and what is predicted, of the samples that tell something.
 
     NaN is not measured. InputError: a channel is missing. ValueError: arrays of different length, or bounds
     that do not go from 0 to n.
@@ -207,20 +203,17 @@ def collect(
         kept["load"] = np.where(np.isfinite(kept["load"]), kept["load"], 0.0)
     inside = np.searchsorted(rows, bounds).astype(np.intp)
     count = np.maximum(np.diff(inside), 1)
-    return (
-        FitData(
-            channels=kept,
-            inputs=inputs,
-            outputs=outputs,
-            measured=np.nan_to_num(measured[:, rows]),
-            seen=seen[:, rows],
-            bounds=inside,
-            windows=np.arange(len(bounds) - 1),
-            excess=np.ones(len(bounds) - 1),
-            mean=np.array([segment_sum(kept[name], inside) / count for name in inputs]),
-            steady=np.zeros((len(inputs), len(count)), dtype=bool),
-        ),
-        rows,
+    return FitData(
+        channels=kept,
+        inputs=inputs,
+        outputs=outputs,
+        measured=np.nan_to_num(measured[:, rows]),
+        seen=seen[:, rows],
+        bounds=inside,
+        windows=np.arange(len(bounds) - 1),
+        excess=np.ones(len(bounds) - 1),
+        mean=np.array([segment_sum(kept[name], inside) / count for name in inputs]),
+        steady=np.zeros((len(inputs), len(count)), dtype=bool),
     )
 
 

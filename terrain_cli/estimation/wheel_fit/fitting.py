@@ -156,10 +156,9 @@ def fit(
     InputError: a channel that the model needs is missing; ConfigurationError: no such parameter; UsageError:
     values or priors without meaning; ValueError: lengths or bounds that do not fit.
     """
-    data, rows = collect(model, channels, bounds, given)
+    data = collect(model, channels, bounds, given)
     if correlated and not by_differences:
-        data, kept = data.without(spikes(data))
-        data, rows = steadied(data, second), rows[kept]
+        data = steadied(data.without(spikes(data)), second)
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     under, windows = (mean_load(data.channels), wheel.radius), len(data.windows)
@@ -189,7 +188,7 @@ def fit(
         else:
             problem = replace(problem, noise=begun)
     if not by_differences:
-        data, rows, near = _without_wild(problem, data, rows, state)
+        data, near = _without_wild(problem, data, state)
         problem = replace(problem, robust=robust)
         likely = [replace(likely[0], problem=problem, begun=near)]
         if learner is not None:
@@ -204,21 +203,18 @@ def fit(
     filled = data.count > 0
     about = parameters((*model.soil, *local), sought, found, filled, spread)
     said = problem.predict(data, found.t, found.common, by=False, order=order)
-    residuals, prediction, rmse, left = residuals_of(data, said, rows, int(np.asarray(bounds)[-1]))
+    left, torque_rmse = residuals_of(data, said)
     result = Fit(
         model=model,
         under=under,
         n=data.count,
         **{f.name: getattr(about, f.name) for f in fields(about)},
         noise=problem.noise,
-        noise_from="residuals" if learner else "given",
         chi2=np.where(filled, found.misfit, np.nan),
         dof=np.where(filled, found.dof, np.nan),
         inflation=found.inflation,
         excess=found.excess,
-        residuals=residuals,
-        prediction=prediction,
-        rmse=rmse,
+        torque_rmse=torque_rmse,
         slow=slow_share(left, data.bounds) if correlated else np.zeros(len(data.windows)),
         moved=np.zeros(len(data.windows), dtype=bool),
         follows=np.zeros(len(data.windows), dtype=bool),
@@ -228,7 +224,7 @@ def fit(
     )
     if suspects is not None:
         # Neighbouring test points tell of no misfit that lasts.
-        share = missed_share(data, "torque", left) if correlated else np.zeros(len(data.windows))
+        share = missed_share(data, left) if correlated else np.zeros(len(data.windows))
         at = problem, data, found.t, found.common
         result = replace(
             result,
@@ -320,9 +316,7 @@ def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) 
     return found, np.concatenate(converged)
 
 
-def _without_wild(
-    problem: Problem, data: FitData, rows: Index, ended: State | None
-) -> tuple[FitData, Index, State | None]:
+def _without_wild(problem: Problem, data: FitData, ended: State | None) -> tuple[FitData, State | None]:
     """Return the samples that are not too far from a robust fit for noise, and where its search ended.
 
     `ended` is where the search of all or some windows ended as this noise was learnt, if it was.
@@ -336,8 +330,7 @@ def _without_wild(
         found = settled_search(problem, some, found, order)
     wild = wild_samples(problem, data, found, order)
     ends = found if some.measured.shape[1] < data.measured.shape[1] else None
-    data, kept = data.without(wild)
-    return data, rows[kept], ends
+    return data.without(wild), ends
 
 
 def _learn(
