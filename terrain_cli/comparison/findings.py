@@ -16,7 +16,7 @@ from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
 from terrain_cli.comparison.shapes import Shape
-from terrain_cli.comparison.smoothed_channels import inputs_known
+from terrain_cli.comparison.smoothed_channels import INTERPOLATED, inputs_known
 from terrain_cli.vocabulary.quantities import listed, quantity
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class Residuals:
 
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
-        channels, drivers = wheel.smoothed(wheel.gaps, rows)
+        channels = wheel.smoothed(wheel.gaps, rows)
         known = inputs_known(channels)
         local, own = len(wheel.soil), len(wheel.common)
         slopes = {}
@@ -92,7 +92,7 @@ class Residuals:
             if driver.labels and name not in PARTS:
                 values[name] = self._codes(name, driver.labels, driver.values[rows])
             elif not driver.labels:
-                values[name] = drivers[name]
+                values[name] = channels[name] if name in INTERPOLATED else driver.values[rows]
         if len(self.wheels) > 1:
             values["wheel"] = self._codes("wheel", (wheel.windows.samples.wheel,), np.zeros(len(rows)))
         residuals = {

@@ -127,7 +127,9 @@ class FittedWheel:
         for _ in range(_WEIGHED if not self.ordered else 0):
             data = smoothed_model.with_noise_of(data, solution.residual, criteria.NOISE_POINTS)
             solution = smoothed_fit.solve(self.model, self.sought, data, solution.t, solution.common)
-        self.take(solution, data)
+        self._forget()
+        self.fit = smoothed_fit.as_fit(data, solution, self.fit)
+        self.parameters.update(smoothed_fit.parameters(solution))
         worse = self.ordered and all(size >= sizes[name] for name, size in self._sizes().items())
         if (not astray and self._off(levels) >= before) or (worse and not lost):
             self._forget()
@@ -201,12 +203,6 @@ class FittedWheel:
             for level, size in zip(levels, least, strict=True)
         ]
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
-
-    def take(self, solution: smoothed_fit.Solution, data: smoothed_model.SmoothedData) -> None:
-        """Replace what was fitted."""
-        self._forget()
-        self.fit = smoothed_fit.as_fit(data, solution, self.fit)
-        self.parameters.update(smoothed_fit.parameters(solution))
 
     def _parameters(self, settings: FitSettings) -> dict[str, Array]:
         """Return every parameter of every window; those of windows without samples are never used."""
@@ -373,7 +369,7 @@ class FittedWheel:
         They are those of some parts of the samples.
         """
         rows = np.arange(0, len(self), max(1, len(self) // _TELL))
-        channels, _ = self.smoothed(gaps, rows)
+        channels = self.smoothed(gaps, rows)
         total = np.zeros(len(rows))
         found = prediction.values(self.model, self.geometry, channels, self._some(rows))
         for name, predicted in found.items():
@@ -382,8 +378,8 @@ class FittedWheel:
             total += np.nan_to_num(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny)
         return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
-    def smoothed(self, gaps: Mapping[str, int], rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return channels and drivers of some usable samples, without the samples' own noise.
+    def smoothed(self, gaps: Mapping[str, int], rows: Index) -> dict[str, Array]:
+        """Return channels of some usable samples, without the samples' own noise.
 
         Load and slip are interpolated from neighbours, of which `gaps` on either side are left out; the
         sinkage is the model's own under these two, as soil that varies would otherwise be in the sinkage of
@@ -394,5 +390,4 @@ class FittedWheel:
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
-        found = {name: driver.values[rows] for name, driver in self.drivers.items()}
-        return channels, {n: channels[n] if n in smoothed_channels.INTERPOLATED else found[n] for n in found}
+        return channels

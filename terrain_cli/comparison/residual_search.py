@@ -121,7 +121,6 @@ class Search:
         *,
         taken: Collection[tuple[str, str]] = (),
         level: float,
-        draws: int = DRAWS,
         seed: int = 0,
     ) -> list[Found]:
         """Find the terms beyond chance, the strongest first, each beyond those found before.
@@ -152,13 +151,12 @@ class Search:
             test = max_test(
                 np.where(testable, scores, 0.0),
                 shrunk=self._shrunk(len(chosen)),
-                draws=draws,
                 seed=seed + len(found),
             )
             coefficient = np.where(testable, scores.sum(axis=0) / power, 0.0)
             explained = coefficient**2 * power
             # Neither tells what is rarer than one of the draws.
-            p_values = np.minimum(test.p_values, np.maximum(self._by_share(explained, testable), 1.0 / draws))
+            p_values = np.minimum(test.p_values, np.maximum(self._by_share(explained, testable), 1.0 / DRAWS))
             best = self._strongest(explained, (p_values < level) & testable, need)
             if best is None:
                 break

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.estimation.wheel_fit.fit_data import level
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -121,8 +122,7 @@ def of_channels(measured: Mapping[str, Array], group: Index) -> Whitening:
     for column in measured.values():
         second = column[:-2] - 2.0 * column[1:-1] + column[2:]
         second = np.abs(second[(group[2:] == group[:-2]) & np.isfinite(second)]) / np.sqrt(6.0)
-        known = column[np.isfinite(column)]
-        size = float(np.sqrt(np.mean(known**2))) if len(known) else 1.0
+        size = level(column)
         noise = (
             float(np.median(second)) / 0.6745
             if len(second) >= criteria.NOISE_SAMPLES

@@ -21,6 +21,7 @@ from terrain_cli.comparison import (
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
@@ -356,12 +357,6 @@ def fitted_anew(wheel: FittedWheel, one: Hypothesis) -> FittedWheel:
     return FittedWheel(wheel.windows, one.model, settings, wheel.segment, wheel.further)
 
 
-def _size(error: Array) -> float:
-    """Return the root mean square of a residual, as something to divide by."""
-    known = error[np.isfinite(error)]
-    return max(float(np.sqrt(np.mean(known**2))), 1e-300) if len(known) else 1.0
-
-
 def held_out_errors(
     wheels: Iterable[FittedWheel], block: Sequence[Index], levels: Mapping[str, float]
 ) -> dict[str, float]:
@@ -373,7 +368,9 @@ def held_out_errors(
     errors: dict[str, list[Array]] = {}
     for wheel, own in zip(wheels, block, strict=True):
         # A model may predict a channel that the one compared has no answer for.
-        scale = {name: levels.get(name) or _size(wheel.residuals[name]) for name in wheel.measured}
+        scale = {
+            name: levels.get(name) or max(level(wheel.residuals[name]), 1e-300) for name in wheel.measured
+        }
         found = held_out.predict(wheel, own, scale)
         for name, measured in wheel.measured.items():
             error = measured - found[name]

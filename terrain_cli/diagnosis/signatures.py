@@ -65,7 +65,7 @@ class SignatureEvidence(NamedTuple):
 
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
-    channels, _ = wheel.smoothed(wheel.gaps, rows)
+    channels = wheel.smoothed(wheel.gaps, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
@@ -279,7 +279,7 @@ def test(
         [np.where(use, one.blocks, 0.0) for one, use in zip(several, testable, strict=True)], axis=1
     )
     shrunk = min(one.shrunk for one in several)
-    found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed)
+    found = max_test(table, shrunk=shrunk, seed=seed)
     ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
     return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))
 

@@ -80,13 +80,9 @@ class Windows:
 
     def groups(self, most: int) -> Iterator[Windows]:
         """Yield runs of whole windows with so many samples together, or one window each."""
-        first = 0
-        while first < len(self):
-            last = int(np.searchsorted(self.bounds, self.bounds[first] + most, side="right")) - 1
-            last = min(max(last, first + 1), len(self))
+        for first, last in runs(self.bounds, most):
             bounds = self.bounds[first : last + 1]
             yield self.taken(slice(bounds[0], bounds[-1]), bounds - bounds[0])
-            first = last
 
     def on_line(self) -> Windows:
         """Return the same windows without the samples of a skidding wheel."""
@@ -99,6 +95,16 @@ class Windows:
     def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Windows:
         """Return windows of some of the usable samples, with bounds among these."""
         return Windows(self.samples, self.rows[chosen], bounds, self.x[chosen], self.y[chosen])
+
+
+def runs(bounds: Bounds, most: int) -> Iterator[tuple[int, int]]:
+    """Part windows into runs of so many samples together, or one window each: first to last − 1."""
+    first, windows = 0, len(bounds) - 1
+    while first < windows:
+        last = int(np.searchsorted(bounds, bounds[first] + most, side="right")) - 1
+        last = min(max(last, first + 1), windows)
+        yield first, last
+        first = last
 
 
 def at_rows(column: NDArray[Any], rows: Index) -> NDArray[Any]:

@@ -14,6 +14,7 @@ from terrain_cli.estimation.line.moments import KEYS, LINE, X, Y, fit_line, of_w
 from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LARGEST_PHI, LineMethod
+from terrain_cli.windows.cut_windows import runs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -217,16 +218,9 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
     )
 
 
-def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
+def blocks(bounds: Bounds) -> list[tuple[int, int]]:
     """Part windows into runs, first to last − 1, of about `_BLOCK` samples; one empty run if none."""
-    first, windows = 0, len(bounds) - 1
-    while True:
-        last = int(np.searchsorted(bounds, bounds[first] + _BLOCK, side="right")) - 1
-        last = min(max(last, first + 1), windows)
-        yield first, last
-        if last >= windows:
-            return
-        first = last
+    return list(runs(bounds, _BLOCK)) or [(0, 0)]
 
 
 def _blocks(rows: Sequence[Array], bounds: Bounds) -> Iterator[tuple[list[Array], Bounds, int, int]]:

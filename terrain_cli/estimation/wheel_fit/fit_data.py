@@ -10,6 +10,7 @@ import numpy as np
 
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.windows.cut_windows import runs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -157,12 +158,7 @@ class FitData:
 
     def blocks(self, size: int = _BLOCK) -> Iterator[Index]:
         """Yield runs of whole windows, of so many samples at most, save in a window with more."""
-        first, last, windows = 0, 0, len(self.windows)
-        while last < windows:
-            last = int(np.searchsorted(self.bounds, self.bounds[first] + size, side="right")) - 1
-            last = min(max(last, first + 1), windows)
-            yield np.arange(first, last)
-            first = last
+        yield from (np.arange(first, last) for first, last in runs(self.bounds, size))
 
 
 def collect(model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given) -> FitData:

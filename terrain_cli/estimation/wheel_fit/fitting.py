@@ -180,7 +180,7 @@ def fit(
         learner = (
             ScaledDifferences(data, ordered=correlated)
             if by_differences
-            else _likely_noise(problem, data, ordered=correlated, second=second, near=True)
+            else LikelyNoise(data, problem.unknowns, ordered=correlated, second=second, near=True)
         )
         if begun is None or begun.relative.keys() != learner.noise.relative.keys():
             problem, dof, state = _learn(problem, data, learner)
@@ -246,9 +246,11 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, se
     """
     problem = near.problem
     if 0 < data.measured.shape[1] <= FEW:
-        usual = replace(problem, noise=_likely_noise(problem, data, ordered=ordered, second=second).noise)
+        usual = replace(
+            problem, noise=LikelyNoise(data, problem.unknowns, ordered=ordered, second=second).noise
+        )
         learners = [
-            (_likely_noise(problem, data, ordered=ordered, second=second), one)
+            (LikelyNoise(data, problem.unknowns, ordered=ordered, second=second), one)
             for one in beginnings(usual, data)
         ]
         found = modes(data, ((learner, *_learn(problem, data, learner, one)) for learner, one in learners))
@@ -259,8 +261,8 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, se
         return [near]
     # Anew where the first one was lost: its end hangs on the last digit.
     certain = ended is None or bool(ended.converged.all())
-    learner = _likely_noise(
-        problem, data, ordered=ordered, second=second, begun=problem.noise if certain else None
+    learner = LikelyNoise(
+        data, problem.unknowns, ordered=ordered, second=second, begun=problem.noise if certain else None
     )
     problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
     begun = end if _of_all(end, data) else near.begun
@@ -277,19 +279,6 @@ def _mostly_lost(ended: State) -> bool:
 def _of_all(ended: State | None, data: FitData) -> bool:
     """Tell whether a search found its end in all windows."""
     return ended is not None and len(ended.t) == len(data.windows) and bool(ended.converged.all())
-
-
-def _likely_noise(
-    problem: Problem,
-    data: FitData,
-    *,
-    ordered: bool,
-    second: float,
-    near: bool = False,
-    begun: Noise | None = None,
-) -> LikelyNoise:
-    size = len(problem.unknowns.local) + len(problem.unknowns.shared)
-    return LikelyNoise(data, size, ordered=ordered, second=second, near=near, begun=begun)
 
 
 def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) -> tuple[Posterior, Mask]:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Equations
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
     from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
 
@@ -206,7 +207,7 @@ class LikelyNoise:
     def __init__(
         self,
         data: FitData,
-        size: int,
+        sought: Unknowns,
         *,
         ordered: bool,
         second: float,
@@ -215,8 +216,8 @@ class LikelyNoise:
     ) -> None:
         """Begin with what is usual, or with what was `begun`: learnt from other samples of these sensors.
 
-        `size` is the number of own and shared unknowns of a window; `ordered` says that samples follow each
-        other in time, so many in a `second`, and `near` that nearly right is enough.
+        `ordered` says that samples follow each other in time, so many in a `second`, and `near` that nearly
+        right is enough.
         """
         self._ordered = ordered
         self.rounds, self.samples, self._last_step = _NEAR if near else _WHOLE
@@ -238,7 +239,7 @@ class LikelyNoise:
             for name in names
             if ordered
         }
-        self._size, self._steps = size, np.zeros(len(self._prior.terms))
+        self._size, self._steps = len(sought.local) + len(sought.shared), np.zeros(len(self._prior.terms))
         self._known, self._last = inverse(self._prior.precision), np.zeros(len(self._steps))
         self._share = 1.0
         if begun is not None:

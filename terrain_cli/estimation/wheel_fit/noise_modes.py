@@ -128,7 +128,7 @@ def mixed(parts: Sequence[Posterior], likely: Sequence[Learnt]) -> Posterior:
 
 
 def widened(
-    problem: Problem, data: FitData, found: Posterior, others: Iterable[tuple[Noise, Noise]]
+    problem: Problem, data: FitData, found: Posterior, others: Sequence[tuple[Noise, Noise]]
 ) -> Posterior:
     """Add what a standard error of the noise does to the unknowns to their covariance.
 
@@ -136,6 +136,8 @@ def widened(
     the unknowns do not follow the noise in proportion (the sigma points of Julier & Uhlmann 1997). It does
     nearly the same with some of the samples as with all. In the end no less is known than beforehand.
     """
+    if not others:
+        return found
     order = enough_nodes(problem.noise, data)
     some = data.thinned(ENOUGH)
     begun = settled_search(problem, some, initial(some, found.t, found.common), order)
