@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,22 +19,14 @@ from terrain_cli.comparison import (
     smoothed_model,
     whitening,
 )
-from terrain_cli.estimation.wheel_fit import NOISE_LASTS, fit, samples_a_second
-from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-from terrain_cli.windows.cut_windows import at_rows, by_terrain
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from terrain_cli.comparison.comparison_outcome import Driver
-    from terrain_cli.comparison.whitening import Whitening
-    from terrain_cli.estimation.estimators import FitSettings
-    from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Array, Index
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.comparison.comparison_outcome import Driver
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.estimation.estimators import FitSettings
+from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns, unknowns
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.windows.cut_windows import Windows, at_rows, by_terrain
 
 #: Channels that a model without effects reads, explains or is compared with.
 _READ = (*smoothed_channels.INTERPOLATED, "torque", "drawbar_pull")

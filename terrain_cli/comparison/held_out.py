@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import blocks, prediction, smoothed_model
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Parts in turn left out of a segment that is a single block, and of a log to tell one soil from several.
 PARTS, _PARTS_OF_LOG = 4, 24

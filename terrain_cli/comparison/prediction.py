@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.wheel_model import predict
+from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry, predict
+from terrain_cli.vocabulary.arrays import Array
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array
-
-    #: From samples, by their indices, to every parameter of the soil and of the effects of each.
-    Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
+#: From samples, by their indices, to every parameter of the soil and of the effects of each.
+Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
 
 
 def compared(model: Model, channels: Mapping[str, Array]) -> tuple[str, ...]:

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import distributions
 from terrain_cli.comparison.blocks import DRAWS, max_test
 from terrain_cli.comparison.drivers import ANGLE, PARTS
-from terrain_cli.comparison.residual_scores import System
+from terrain_cli.comparison.residual_scores import FittedTerms, ResidualEvidence, ScoreCell, System
+from terrain_cli.comparison.shapes import Shape
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.residual_scores import FittedTerms, ResidualEvidence, ScoreCell
-    from terrain_cli.comparison.shapes import Shape
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 _PLAIN = ("constant", "linear", "label", "step", "stretch", "saturating", "quadratic", "periodic")
 #: Drivers that are named before others that varied alike, or of which nothing is known but the name of a

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import blocks, residual_noise, whitening
 from terrain_cli.comparison import comparison_criteria as criteria
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Channels whose noise reaches the predictions, in the order in which the fit takes them.
 NOISY = ("load", "sinkage", "slip")

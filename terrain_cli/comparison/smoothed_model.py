@@ -7,25 +7,18 @@ the load. What is left of torque, pull and sinkage is in units of its noise, and
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.wheel_model import predict
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.whitening import Whitening
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry, predict
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Deviations of the noise beyond which a residual weighs less.
 BEND = 3.0

@@ -7,22 +7,17 @@ of a root of their covariance: what is left has variance 1 in every channel and 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation.wheel_fit.fit_data import level
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Correlations beyond this are not believed: the covariance must keep an inverse.
 _MOST = 0.98

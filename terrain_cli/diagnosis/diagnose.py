@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
-from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
+from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
+from terrain_cli.diagnosis.refits import Refit
+from terrain_cli.diagnosis.screening import Screened
+from terrain_cli.effects import Effect
+from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.quantities import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
-
-    from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
-    from terrain_cli.diagnosis.refits import Refit
-    from terrain_cli.diagnosis.screening import Screened
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows
 
 
 def diagnose(

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli import models
-from terrain_cli.comparison import blocks, comparison_criteria
+from terrain_cli.comparison import Comparison, Finding, blocks, comparison_criteria
 from terrain_cli.comparison.compare import of_fitted, on_few_soils, scale_of
 from terrain_cli.comparison.findings import Residuals
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable
+from terrain_cli.diagnosis.refits import Ground
 from terrain_cli.diagnosis.screening import Screened
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.estimators import FitSettings
+from terrain_cli.models import ModelFile
 from terrain_cli.telemetry.long_logs import notes
+from terrain_cli.vocabulary.arrays import Index
 from terrain_cli.windows import joined_inputs
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable
-    from terrain_cli.diagnosis.refits import Ground
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Index
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,18 +17,13 @@ from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
+from terrain_cli.diagnosis.drafted_laws import Draft
+from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.effects.laws import law_trial
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.telemetry.effect_inputs import sources
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.diagnosis.drafted_laws import Draft
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.vocabulary.arrays import Array
-
 
 #: Samples that are screened.
 _MOST = 4_000

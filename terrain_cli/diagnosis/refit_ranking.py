@@ -11,25 +11,21 @@ effect is bent is a nuisance parameter: only what these data leave open of it co
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria, smoothed_fit, smoothed_model
 from terrain_cli.comparison.blocks import error, resample, webb_weights
+from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 from terrain_cli.mechanics.effect import CERTAIN
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.comparison.smoothed_model import SmoothedData
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.arrays import Array, Index
 
 
 def beats(one: Refit, other: Refit) -> bool:

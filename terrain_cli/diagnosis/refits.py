@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,20 +19,15 @@ from terrain_cli.comparison import (
     whitening,
 )
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.smoothed_fit import Solution
+from terrain_cli.comparison.smoothed_model import SmoothedData
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
-from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.smoothed_fit import Solution
-    from terrain_cli.comparison.smoothed_model import SmoothedData
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, unknowns
+from terrain_cli.vocabulary.arrays import Array, Index
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison.blocks import joined, long_enough
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Size
+from terrain_cli.diagnosis.signatures import Scores
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.models import model_change
+from terrain_cli.models import ModelFile, model_change
 from terrain_cli.telemetry.effect_inputs import CONSTANTS, sources
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.diagnosis.signatures import Scores
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Channel that tells one part of a drive from another, as a change of soil does.
 DRIVEN_BEFORE = "pass_number"

@@ -9,28 +9,23 @@ imitates can show; the score of a block is the sum of ĝ e over it (Rao 1948, wi
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria, whitening
 from terrain_cli.comparison.blocks import DRAWS, max_test
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.smoothed_channels import inputs_known
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.comparison.whitening import Whitening
-    from terrain_cli.effects import Effect
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Short blocks of which chance is drawn: what costs little. No score exceeds √blocks standard errors, however
 #: large the effect.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.comparison import blocks, comparison_criteria
 from terrain_cli.comparison.compare import pooled_noise
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import (
     alarm,
+    drafted_laws,
     effect_sizes,
     next_drive,
     outside_catalogue,
@@ -23,18 +25,11 @@ from terrain_cli.diagnosis import (
     screening,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate
+from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Hypothesis, NextDrive, UnknownEffect
+from terrain_cli.diagnosis.refits import Ground, Refit
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.diagnosis import drafted_laws
-    from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive, UnknownEffect
-    from terrain_cli.diagnosis.refits import Ground, Refit
-
-    Fitted = tuple[Hypothesis, Refit]
+Fitted = tuple[Hypothesis, Refit]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison import Finding, comparison_criteria
 from terrain_cli.comparison.findings import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, Size, Verdict
 from terrain_cli.models import STRESSES
 from terrain_cli.vocabulary.quantities import counted, listed, short
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
-    from terrain_cli.comparison import Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, Size, Verdict
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
 from terrain_cli.mechanics.rates import wheel_angle
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.vocabulary.quantities import the_wheel
-from terrain_cli.windows.change_points import change_points, needed, placed, sinkage_changes, whole_windows
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-    from terrain_cli.windows.change_points import Breaks
+from terrain_cli.windows.change_points import (
+    Breaks,
+    change_points,
+    needed,
+    placed,
+    sinkage_changes,
+    whole_windows,
+)
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
 #: kept of one at least.

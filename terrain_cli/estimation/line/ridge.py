@@ -16,16 +16,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.moments import X, Y, segment_sum
-
-if TYPE_CHECKING:
-    from terrain_cli.estimation.line.moments import WindowMoments
-    from terrain_cli.vocabulary.arrays import Array, Bounds
-
+from terrain_cli.estimation.line.moments import WindowMoments, X, Y, segment_sum
+from terrain_cli.vocabulary.arrays import Array, Bounds
 
 #: Values of δ tried: two per decade.
 DELTAS = np.logspace(-8.0, 0.0, 17)

@@ -16,17 +16,23 @@ Where nothing but noise varies, the bounds are those of any soil.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from terrain_cli.estimation.line.moments import CHANNELS, LOAD, SINKAGE, SLIP, TORQUE, X, Y
+from terrain_cli.estimation.line.moments import (
+    CHANNELS,
+    LOAD,
+    SINKAGE,
+    SLIP,
+    TORQUE,
+    Line,
+    WindowMoments,
+    X,
+    Y,
+)
+from terrain_cli.vocabulary.arrays import Array, Mask
 from terrain_cli.vocabulary.choices import LARGEST_PHI
-
-if TYPE_CHECKING:
-    from terrain_cli.estimation.line.moments import Line, WindowMoments
-    from terrain_cli.vocabulary.arrays import Array, Mask
-
 
 #: Sign of ∂g/∂q.
 _SIGN = {LOAD: -1.0, TORQUE: 1.0, SINKAGE: -1.0, SLIP: -1.0}

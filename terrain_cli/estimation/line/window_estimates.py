@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line import moments as moments_of
 from terrain_cli.estimation.line import ridge
-from terrain_cli.estimation.line.moments import KEYS, LINE, X, Y, fit_line, of_windows, segment_sum
+from terrain_cli.estimation.line.moments import (
+    KEYS,
+    LINE,
+    Key,
+    Line,
+    WindowMoments,
+    X,
+    Y,
+    fit_line,
+    of_windows,
+    segment_sum,
+)
+from terrain_cli.estimation.line.ridge import Ridge
 from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LARGEST_PHI, LineMethod
 from terrain_cli.windows.cut_windows import runs
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from terrain_cli.estimation.line.moments import Key, Line, WindowMoments
-    from terrain_cli.estimation.line.ridge import Ridge
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-
-    Text = NDArray[np.str_]
+Text = NDArray[np.str_]
 
 #: Above this condition number `auto` takes ridge and the status is ill-conditioned: x varies by
 #: less than 2 % of its mean, so that 1 % of the stress moves c by half the strength. Belsley,

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.mechanics.wheel_model import Given, Model
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.windows.cut_windows import runs
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.mechanics.wheel_model import Given, Model
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-
 
 #: Channels whose noise counts.
 CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")

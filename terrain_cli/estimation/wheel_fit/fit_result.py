@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from terrain_cli.estimation.joint_grid import JointGrid
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN, STATUSES
+from terrain_cli.estimation.line.window_estimates import (
+    LARGEST_CONDITION,
+    LARGEST_PHI_OPEN,
+    STATUSES,
+    WindowEstimates,
+)
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS, SLOW, lasting_squares
+from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
+from terrain_cli.estimation.wheel_fit.posterior import Posterior
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 from terrain_cli.mechanics.dual import value
+from terrain_cli.mechanics.wheel_model import Model, Prediction
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import LARGEST_PHI
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from terrain_cli.estimation.joint_grid import JointGrid
-    from terrain_cli.estimation.line.window_estimates import WindowEstimates
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
-    from terrain_cli.estimation.wheel_fit.posterior import Posterior
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
-    from terrain_cli.mechanics.wheel_model import Model, Prediction
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: A parameter that would be open by more than this many of its prior's standard deviations, had
 #: all priors been ten times as wide, is known from the priors rather than from the data.

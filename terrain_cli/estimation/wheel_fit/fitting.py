@@ -7,11 +7,12 @@ weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 an
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.moments import segment_sum
@@ -19,10 +20,11 @@ from terrain_cli.estimation.line.uncertainty import student
 from terrain_cli.estimation.wheel_fit import damped_search, missing_effects, valley
 from terrain_cli.estimation.wheel_fit.channel_series import BY_CHANCE, EACH, spikes, steadied
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
-from terrain_cli.estimation.wheel_fit.fit_data import Noise, collect
+from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, missed_share, parameters, residuals_of
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
     TOLERANCE,
+    State,
     Ways,
     accumulate,
     eliminate,
@@ -31,7 +33,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     newton,
 )
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
-from terrain_cli.estimation.wheel_fit.linearised import Problem
+from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior, with_model_error
@@ -44,21 +46,10 @@ from terrain_cli.estimation.wheel_fit.window_search import (
     search,
     settled_search,
 )
-from terrain_cli.mechanics.effect import mean_load
+from terrain_cli.mechanics.effect import Effect, Prior, mean_load
+from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.gauss_newton import State
-    from terrain_cli.estimation.wheel_fit.linearised import Equations
-    from terrain_cli.mechanics.effect import Effect, Prior
-    from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: Share of a window's samples above which it is the model that misses, and not they. Judged.
 _MOST = 0.1

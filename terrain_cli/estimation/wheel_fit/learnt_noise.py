@@ -20,26 +20,19 @@ fit (`linearised`), so that a load that really varies from sample to sample does
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
 from terrain_cli.estimation.wheel_fit.channel_series import NORMAL_MEDIAN, LargestNoise
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, memory
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, CHANNELS, Noise, level
-from terrain_cli.estimation.wheel_fit.linearised import solve_lower
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, CHANNELS, FitData, Noise, level
+from terrain_cli.estimation.wheel_fit.linearised import Equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.linearised import Equations
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
 #: What is assumed of a channel of which nothing else is known.
 USUAL = 0.03

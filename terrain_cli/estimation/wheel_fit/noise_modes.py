@@ -8,26 +8,20 @@ approximation at each: Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., sect
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.wheel_fit import damped_search
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
+from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise
+from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
+from terrain_cli.estimation.wheel_fit.posterior import Posterior
 from terrain_cli.estimation.wheel_fit.window_search import ENOUGH, enough_nodes, settled_search
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
-    from terrain_cli.estimation.wheel_fit.gauss_newton import State
-    from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise
-    from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
-    from terrain_cli.estimation.wheel_fit.posterior import Posterior
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples of all windows together up to which noise and soil are sought from several beginnings. Of the
 #: six points of Ding et al. 2011, on a soil of some 32°, one beginning says 21.9 ± 4.0°, and all say

@@ -6,23 +6,17 @@ prior standard deviations, so that all are numbers of order one and the prior's 
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.errors import ConfigurationError, UsageError
 from terrain_cli.mechanics.effect import Parameter, Prior
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import SOIL_BOUNDS
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Sought by their logarithm.
 POSITIVE = frozenset({"shear_modulus", "stiffness"})
