@@ -1,7 +1,5 @@
 """Blocks: stretches of a drive whose errors are unrelated, and what chance would make of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The result of a comparison of a model with measurements, and c and φ of its segments."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace

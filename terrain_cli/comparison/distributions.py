@@ -1,7 +1,5 @@
 """Tails of distributions. scipy.special has them all, but to import it takes a tenth of a comparison."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Drivers: the quantities that the residuals of a wheel may depend on, recorded or derived."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 

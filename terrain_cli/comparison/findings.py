@@ -1,7 +1,5 @@
 """Where a model fails: from the residuals of all wheels to findings that a person understands."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace

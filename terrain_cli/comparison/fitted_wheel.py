@@ -79,7 +79,7 @@ class FittedWheel:
             correlated=self.ordered,
         )
         self.under = self.fit.under
-        sought = unknowns(model, **told, windows=len(windows), under=self.under)
+        sought = unknowns(model, **told, under=self.under)
         self.seek(sought)
         self.parameters = self._parameters(settings)
         self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]

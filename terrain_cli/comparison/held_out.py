@@ -1,7 +1,5 @@
 """Predictions of blocks by fits to the others; and by them, whether one soil is as good as several."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 

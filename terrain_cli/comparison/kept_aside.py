@@ -1,7 +1,5 @@
 """Stretches kept aside: `diagnose` does not see them, and a change of a model is judged on them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Search of the residuals for what a model leaves out: the strongest term, then the next beyond it."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Channels that a model and its effects read, without their own noise: from neighbours or conditions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

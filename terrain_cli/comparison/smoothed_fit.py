@@ -6,8 +6,6 @@ allow. Here they count as exact, and what the model cannot explain counts as noi
 a block.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

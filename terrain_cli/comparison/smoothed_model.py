@@ -5,8 +5,6 @@ the load. What is left of torque, pull and sinkage is in units of its noise, and
 (Huber 1964). `smoothed_fit` fits models to them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

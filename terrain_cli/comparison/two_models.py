@@ -1,7 +1,5 @@
 """Two models side by side on the same blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ that what one of them misses by foretells the others. A sample's residuals are m
 of a root of their covariance: what is left has variance 1 in every channel and nothing in common.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """p values: how often chance alone gives such scores, such a gain, such an order of points, such a rest."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 

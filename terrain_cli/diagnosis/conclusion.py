@@ -1,7 +1,5 @@
 """What every verb says at its end: whether the model fits to within the noise, and else what to do."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a model lacks: the method of docs/diagnose.md, step by step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any

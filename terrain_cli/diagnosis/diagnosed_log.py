@@ -1,7 +1,5 @@
 """The first steps of a diagnosis: the number of soils, the fit of the model as it is, and the scores."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -4,8 +4,6 @@ A draft is a file such as a user writes, units included, and goes the way of eve
 there: fitted, held out, judged.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

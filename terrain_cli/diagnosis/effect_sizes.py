@@ -1,7 +1,5 @@
 """How large the parameters of an effect are, over all wheels, and on each where they differ."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

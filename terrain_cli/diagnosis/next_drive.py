@@ -7,8 +7,6 @@ Atkinson & Fedorov 1975, Biometrika 62(1), 57–70). A law is never exactly that
 done with the truth bent as in `refit_ranking`, which neither of the two can imitate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """What no effect of the catalogue explains: a channel, a driver, and a drafted law."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 Step by step the first effect added is the one that imitates both best, which need not be one of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Refits: models with something added, fitted to all of the data, and their held-out predictions."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -233,7 +231,6 @@ def _solved(
         fixed={**fixed, **hypothesis.fixed},
         priors={**settings.priors, **hypothesis.priors},
         shared=settings.shared,
-        windows=part.windows,
         under=wheel.under,
     )
     if after:

@@ -5,8 +5,6 @@ such a change to whoever cuts first; and a soil can change though its strength h
 steps, which shows in sinkage, and in all that follows from it. Either is weighed on held-out blocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -6,8 +6,6 @@ imitates can show; the score of a block is the sum of ĝ e over it (Rao 1948, wi
 1959). Each window has parameters of its own: they are eliminated window by window.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

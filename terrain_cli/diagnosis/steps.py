@@ -1,7 +1,5 @@
 """The steps of a diagnosis from the alarm on, as docs/diagnose.md numbers them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The verdict: from the findings to a decision, and from that to sentences for a person."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ smaller; and by how far the estimate is from that soil whose torques and loads, 
 the triangles may leave a tenth of c. None averages out over samples, nor over windows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

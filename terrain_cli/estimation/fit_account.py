@@ -1,7 +1,5 @@
 """What a fit tells beside the table: what it was made with, and all parameters of a window together."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

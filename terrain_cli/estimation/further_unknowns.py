@@ -1,7 +1,5 @@
 """What a model may lack: the shape of the contact, calibrations of sensors, which are sought, and effects."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 

@@ -10,8 +10,6 @@ errors that misfit and correlation have widened (the vertical adjustment of Chan
 94, 167).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

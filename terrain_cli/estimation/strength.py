@@ -1,7 +1,5 @@
 """Strength of the soil at a normal stress, and the stresses that a wheel puts on it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Two models on blocks that neither was fitted to: by how much their errors differ."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The whole loop: name what is missing, add it, keep it if it pays, until the alarm is silent."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """[[history]] of a model file: the entry of each change, and all of them read as a ladder of errors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field

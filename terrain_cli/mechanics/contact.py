@@ -11,8 +11,6 @@ At u = 0 the stress starts like a power n of u, and n is no whole number: Gaussâ
 converge slowly in u. With u = sÂ³ the integrand is smooth enough in s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, fields
 from functools import cache, cached_property

@@ -4,8 +4,6 @@ Triangular stresses under the rim with their maximum at θ1/2 and no contact beh
 turn each sample into one point of a line, y = c + x tan φ.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

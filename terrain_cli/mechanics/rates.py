@@ -7,8 +7,6 @@ each part is told by the next one, the last by the first. Three are the fewest w
 between parts are unrelated where there is no ripple, two by two, so that nothing adds up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 

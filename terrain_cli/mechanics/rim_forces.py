@@ -4,8 +4,6 @@ The integrals of `contact`, written plainly for numbers with derivatives: slower
 law on the normal and the shear stress.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where the rover goes and how, on a fine time base: the body, and each wheel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

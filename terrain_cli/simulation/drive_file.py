@@ -1,7 +1,5 @@
 """Reads what to simulate: a prepared drive or a TOML file, and what the command line says of the same."""
 
-from __future__ import annotations
-
 import tomllib
 from collections import defaultdict
 from collections.abc import Mapping

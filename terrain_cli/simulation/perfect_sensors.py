@@ -1,8 +1,6 @@
 """From the true load and slip on the soil to the measurements of sensors without noise."""
 # Laws on load and slip go from what is measured to what is felt: here they are solved for the former.
 
-from __future__ import annotations
-
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

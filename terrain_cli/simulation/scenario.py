@@ -1,7 +1,5 @@
 """What is simulated: the wheel, the soils along the drive, their effects, and the sensors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

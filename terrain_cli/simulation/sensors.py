@@ -1,7 +1,5 @@
 """Simulated sensors: noise, drift, outliers, dropouts, steps and clocks."""
 
-from __future__ import annotations
-
 import math
 import re
 import zlib

@@ -1,7 +1,5 @@
 """From a drive, as it is described, to the measurements of its sensors, and the truth behind them."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

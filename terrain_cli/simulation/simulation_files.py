@@ -1,7 +1,5 @@
 """The files of a simulation: the log as a table or as the messages of a bag, the truth and the rover file."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Where a stretch of samples may change its line: exact search on blocks of samples."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Windows with what effects need of their samples; those of the same wheel in several inputs joined."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ by 1/variance, and the plain count: rows `W` to `N` of an array, one column for 
 function takes the same time for a window of any length.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from terrain_cli.vocabulary.arrays import Array, Index

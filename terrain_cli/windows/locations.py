@@ -5,8 +5,6 @@ archive of a Mars mission (PDS bundles msl_places and mars2020_rover_places). No
 extrapolated, and no sample is placed where the table says two things.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from hashlib import sha256

@@ -1,7 +1,5 @@
 """Which candidate bounds are changes of soil, and at which sample exactly."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ and so many samples lie behind it as tell a new soil from a bridge.
 The constants were chosen by benchmarks/follow_study.py; its table is in benchmarks/results.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ regression slope says nothing of the soil. Every test here therefore needs the c
 (x, y), and that changes along a drive, since noise grows with the values: it is learnt from neighbours.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from terrain_cli.vocabulary.arrays import Array, Index, Mask

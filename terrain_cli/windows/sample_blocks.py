@@ -4,8 +4,6 @@ Everything that is asked of all samples is summed here, in one pass over them. A
 without a copy of the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

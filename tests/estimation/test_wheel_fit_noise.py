@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from wheel_samples import WHEEL, free
 
-from terrain_cli.errors import UsageError
 from terrain_cli.estimation.wheel_fit import Noise, fit
 from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
@@ -167,13 +166,6 @@ def test_a_scatter_that_may_be_chance_is_not_counted():
     dof = np.full(20, 36.0)
     assert np.mean(excess(residual, seen, bounds, dof) == 1.0) > 0.9
     np.testing.assert_allclose(excess(3.0 * residual, seen, bounds, dof).mean(), 11.0, rtol=0.3)
-
-
-def test_noise_without_meaning_is_refused():
-    with pytest.raises(UsageError, match="noise of torque"):
-        Noise({"torque": -0.1})
-    with pytest.raises(UsageError, match="'speed'"):
-        Noise(absolute={"speed": 0.1})
 
 
 @pytest.mark.parametrize("base", ["linear", "wong-reece"])

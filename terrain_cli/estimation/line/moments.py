@@ -4,8 +4,6 @@ Window j is the samples bounds[j] to bounds[j + 1] − 1. A window's means are t
 anything is multiplied: stresses of 10⁴ Pa that vary by 100 Pa would lose half their digits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Estimates of one soil that samples or windows add to: recursive within a window, pooled over windows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -12,8 +12,6 @@ and acts on the split of it between c and φ alone, which is what a window of al
 stress leaves open: δ draws both parts towards equal shares, c = x tan φ.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -13,8 +13,6 @@ above (Frisch 1934; Klepper & Leamer 1984).
 Where nothing but noise varies, the bounds are those of any soil.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Cohesion and friction angle of each window, with their errors and the status."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import get_args

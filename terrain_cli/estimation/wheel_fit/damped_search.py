@@ -5,8 +5,6 @@ sum of squares falls (Boggs & Rogers 1990). It takes more steps than Gauss–New
 in which it began however wrong the model is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product

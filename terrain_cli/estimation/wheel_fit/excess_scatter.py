@@ -1,7 +1,5 @@
 """How much more the residuals of a window scatter, over long stretches, than sensor noise explains."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum

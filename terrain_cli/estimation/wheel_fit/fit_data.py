@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from terrain_cli.errors import InputError, UsageError
+from terrain_cli.errors import InputError
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.mechanics.wheel_model import Given, Model
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
@@ -25,26 +25,11 @@ _BLOCK = 16_384
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of independent errors: the root of (relative · value)² + absolute².
-
-    Raises
-    ------
-    UsageError
-        Unknown channel, or a negative deviation.
-    """
+    """Standard deviations of independent errors: the root of (relative · value)² + absolute²."""
 
     # Channel → share of the value. A channel not named here nor in `absolute` is exact.
     relative: Mapping[str, float] = field(default_factory=dict)
     absolute: Mapping[str, float] = field(default_factory=dict)  # Channel → in the channel's SI unit
-
-    def __post_init__(self) -> None:
-        for name, deviation in (*self.relative.items(), *self.absolute.items()):
-            if name not in CHANNELS:
-                raise UsageError(
-                    f"no noise is known of a channel {name!r}", hint=f"one of {', '.join(CHANNELS)}"
-                )
-            if not 0.0 <= deviation < np.inf:
-                raise UsageError(f"noise of {name}: {deviation!r} is no standard deviation")
 
     @classmethod
     def equal(cls, relative: float) -> Noise:
@@ -158,16 +143,11 @@ class FitData:
 def collect(model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given) -> FitData:
     """Sort channels into what is given and what is predicted, of the samples that tell something.
 
-    NaN is not measured. InputError: a channel is missing. ValueError: arrays of different length, or bounds
-    that do not go from 0 to n.
+    NaN is not measured; bounds rise from 0 to n. InputError: a channel is missing.
     """
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
     bounds = np.asarray(bounds, dtype=np.intp)
-    n = int(bounds[-1]) if bounds.ndim == 1 and bounds.size else -1
-    if n < 0 or bounds[0] != 0 or np.any(np.diff(bounds) < 0):
-        raise ValueError("bounds must rise from 0 to the number of samples")
-    if any(column.shape != (n,) for column in columns.values()):
-        raise ValueError("the channels must be one-dimensional and as long as the bounds say")
+    n = int(bounds[-1])
     # A channel without a single value is not there.
     columns = {name: column for name, column in columns.items() if n == 0 or np.isfinite(column).any()}
     inputs, outputs = _parts(model, columns, given)

@@ -1,7 +1,5 @@
 """The result of a fit of the wheel–soil model, the status of each window, and its row of the table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -347,8 +345,6 @@ def _parted(fit: Fit) -> dict[str, Any]:
 
 def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
     """Put a fit in the place of linear estimates, which keep least squares, ridge and the bounds of φ."""
-    if len(fit) != len(linear):
-        raise ValueError(f"a fit of {len(fit)} windows and estimates of {len(linear)}")
     return replace(
         linear,
         method=np.full(len(fit), fit.model.base),

@@ -5,8 +5,6 @@ a fit by least squares astray however many samples there are. They are found by 
 weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 and 4.4).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from statistics import NormalDist
@@ -144,18 +142,15 @@ def fit(
     them, even if there are none, errors hold what a model that misses the torque may be off
     (`posterior.with_model_error`).
 
-    InputError: a channel that the model needs is missing; ConfigurationError: no such parameter; UsageError:
-    values or priors without meaning; ValueError: lengths or bounds that do not fit.
+    InputError: a channel that the model needs is missing.
     """
     data = collect(model, channels, bounds, given)
     if correlated and not by_differences:
         data = steadied(data.without(spikes(data)), second)
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
-    under, windows = (mean_load(data.channels), wheel.radius), len(data.windows)
-    sought = unknowns(
-        model, fixed=fixed, priors=priors, shared=shared, local=local, windows=windows, under=under
-    )
+    under = mean_load(data.channels), wheel.radius
+    sought = unknowns(model, fixed=fixed, priors=priors, shared=shared, local=local, under=under)
     problem = Problem(
         model=model,
         wheel=wheel,

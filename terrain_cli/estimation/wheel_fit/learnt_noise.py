@@ -18,8 +18,6 @@ likelihood then counts for so much less beside the prior. The true values of the
 fit (`linearised`), so that a load that really varies from sample to sample does not pass for noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

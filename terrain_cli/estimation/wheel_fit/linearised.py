@@ -11,8 +11,6 @@ a line fitted to noisy abscissae. It is orthogonal distance regression (Boggs & 
 in the structure of Fuller, Measurement Error Models, 1987, section 3.2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

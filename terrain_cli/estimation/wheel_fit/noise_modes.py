@@ -6,8 +6,6 @@ where it begins. The posterior is then a mixture of normal distributions, one ab
 approximation at each: Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 13.3).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 

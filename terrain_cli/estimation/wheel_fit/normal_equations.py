@@ -14,8 +14,6 @@ the Schur complement. S⁻¹ is their covariance; that of x is A⁻¹ + G S⁻¹
 Of shapes, w counts windows, p own and q shared unknowns, n samples of k channels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise

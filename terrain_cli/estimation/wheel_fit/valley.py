@@ -6,8 +6,6 @@ the true loads, sinkages and slips that go with it: the expected deviance (the A
 bends nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

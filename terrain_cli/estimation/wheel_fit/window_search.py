@@ -6,8 +6,6 @@ priors alone), the noise of that window is taken to be as large as its residuals
 priors then weigh as much as they know more, and what the data cannot tell stays within what soils are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
