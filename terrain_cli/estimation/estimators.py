@@ -301,14 +301,7 @@ def of_fit(
     fit: Fit, line: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
     """Return what the table of windows says of a fit; `line` keeps its columns of least squares and ridge."""
-    soil: dict[str, Any] = {
-        name: column
-        for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
-        if parameter in fit.values
-        for name, column in ((parameter, fit.values[parameter]), (f"{parameter}_se", fit.errors[parameter]))
-    }
-    estimates = replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
-    estimates = with_strengths(estimates, windows, at_stress)
+    estimates = with_strengths(wheel_fit.as_window_estimates(fit, line), windows, at_stress)
     # c and φ stay empty where their number is that of the prior, or of a single sample.
     every = np.full(len(fit), fill_value=True)
     c, phi = (fit.told.get(name, every) & (fit.n > 1) for name in ("cohesion", "tan_phi"))

@@ -211,8 +211,6 @@ class Uncertainty(NamedTuple):
     sigma_star: Array
     strength: Array
     strength_se: Array
-    phi_low: Array
-    phi_high: Array
     phi_bias: Array
 
 
@@ -254,8 +252,6 @@ def uncertainty(
             mean_x + offset,
             mean_y + pull + offset * np.nan_to_num(tan_phi),
             np.sqrt(np.maximum(var_s + np.nan_to_num(offset * cov), 0.0)),
-            low,
-            high,
             bias,
         )
         return found, np.sqrt(sampling.tan_phi / (1.0 + line.tan_phi**2) ** 2 + (high - low) ** 2 / 12.0)

@@ -109,9 +109,8 @@ class WindowEstimates:
     assumed_tan_phi_se: Array
     assumed_corr: Array
     torque_rmse: Array  # Of the torque that c and φ predict, N m
-    phi_low: Array  # phi_low, phi_high: bounds of φ for any noise in the four sensors, rad
-    phi_high: Array
-    # The part of `phi_se` that comes from these bounds, rad; it does not average out over windows
+    # The part of `phi_se` that comes from the bounds of φ for any noise in the four sensors, rad; it does not
+    # average out over windows
     phi_bias: Array
     # shear_modulus, shear_modulus_se: k and its standard error, m; of the line the k assumed, without one
     shear_modulus: Array

@@ -344,9 +344,17 @@ def _parted(fit: Fit) -> dict[str, Any]:
 
 
 def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
-    """Put a fit in the place of linear estimates, which keep least squares, ridge and the bounds of φ."""
+    """Put a fit in the place of linear estimates, which keep least squares and ridge."""
+    soil: dict[str, Any] = {
+        name: column
+        for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
+        if parameter in fit.values
+        for name, column in ((parameter, fit.values[parameter]), (f"{parameter}_se", fit.errors[parameter]))
+    }
     return replace(
         linear,
+        n=fit.n,
+        **soil,
         method=np.full(len(fit), fit.model.base),
         status=fit.status,
         separable=fit.separable,
