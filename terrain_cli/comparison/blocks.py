@@ -1,21 +1,15 @@
 """Blocks: stretches of a drive whose errors are unrelated, and what chance would make of them."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from terrain_cli.comparison.comparison_outcome import Series
 from terrain_cli.comparison.distributions import student_quantile
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.comparison.comparison_outcome import Series
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Webb's six points: as symmetric as signs, but without their few distinct draws (Webb 2023,
 #: Canadian Journal of Economics 56(3), doi 10.1111/caje.12661).

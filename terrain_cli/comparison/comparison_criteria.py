@@ -1,7 +1,5 @@
 """What decides what is said of a model beside measurements; read as ``comparison_criteria.NAME``."""
 
-from __future__ import annotations
-
 from terrain_cli.vocabulary.choices import criterion
 
 """How many blocks are enough?

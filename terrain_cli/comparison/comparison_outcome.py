@@ -1,30 +1,23 @@
 """The result of a comparison of a model with measurements, and c and φ of its segments."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation import WindowEstimates, estimators
+from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.wheel_fit import Fit
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import Refused
+from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.unit_doubts import Doubt
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.estimation.estimators import EstimateRequest
-    from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.windows.cut_windows import Windows
 
 #: Channels that a model predicts, with their units.
 UNITS = {"torque": "N m", "drawbar_pull": "N", "sinkage": "m"}

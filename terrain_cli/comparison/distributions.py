@@ -1,17 +1,12 @@
 """Tails of distributions. scipy.special has them all, but to import it takes a tenth of a comparison."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array
 
 #: Terms of the continued fraction, and what is no change of it any more.
 _MOST_TERMS, _EQUAL = 400, 1e-15

@@ -1,9 +1,7 @@
 """Drivers: the quantities that the residuals of a wheel may depend on, recorded or derived."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -11,15 +9,9 @@ from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.effect_inputs import WITH_COURSE, sources
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
-from terrain_cli.windows.cut_windows import at_rows
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.windows.cut_windows import Windows, at_rows
 
 #: Channels that are predicted, or what predicted ones were derived from.
 _LEFT_OUT = frozenset({"time", "torque", "drawbar_pull", "entry_angle", "motor_current"})

@@ -1,11 +1,9 @@
 """Where a model fails: from the residuals of all wheels to findings that a person understands."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,20 +11,14 @@ from terrain_cli.comparison import blocks, residual_noise, shapes
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
+from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.residual_noise import NoiseLevel
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
-from terrain_cli.comparison.residual_search import Search
+from terrain_cli.comparison.residual_search import Found, Search
 from terrain_cli.comparison.shapes import Shape
-from terrain_cli.comparison.smoothed_channels import inputs_known
+from terrain_cli.comparison.smoothed_channels import INTERPOLATED, inputs_known
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import listed, quantity
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.comparison.residual_noise import NoiseLevel
-    from terrain_cli.comparison.residual_search import Found
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Samples of all wheels that are searched, evenly thinned: what only more of them would show is too
 #: small to be reported.
@@ -78,7 +70,7 @@ class Residuals:
 
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
-        channels, drivers = wheel.smoothed(wheel.gaps, rows)
+        channels = wheel.smoothed(wheel.gaps, rows)
         known = inputs_known(channels)
         local, own = len(wheel.soil), len(wheel.common)
         slopes = {}
@@ -92,7 +84,7 @@ class Residuals:
             if driver.labels and name not in PARTS:
                 values[name] = self._codes(name, driver.labels, driver.values[rows])
             elif not driver.labels:
-                values[name] = drivers[name]
+                values[name] = channels[name] if name in INTERPOLATED else driver.values[rows]
         if len(self.wheels) > 1:
             values["wheel"] = self._codes("wheel", (wheel.windows.samples.wheel,), np.zeros(len(rows)))
         residuals = {

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,22 +19,14 @@ from terrain_cli.comparison import (
     smoothed_model,
     whitening,
 )
-from terrain_cli.estimation.wheel_fit import NOISE_LASTS, fit, samples_a_second
-from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-from terrain_cli.windows.cut_windows import at_rows, by_terrain
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from terrain_cli.comparison.comparison_outcome import Driver
-    from terrain_cli.comparison.whitening import Whitening
-    from terrain_cli.estimation.estimators import FitSettings
-    from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Array, Index
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.comparison.comparison_outcome import Driver
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.estimation.estimators import FitSettings
+from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns, unknowns
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.windows.cut_windows import Windows, at_rows, by_terrain
 
 #: Channels that a model without effects reads, explains or is compared with.
 _READ = (*smoothed_channels.INTERPOLATED, "torque", "drawbar_pull")
@@ -86,7 +79,7 @@ class FittedWheel:
             correlated=self.ordered,
         )
         self.under = self.fit.under
-        sought = unknowns(model, **told, windows=len(windows), under=self.under)
+        sought = unknowns(model, **told, under=self.under)
         self.seek(sought)
         self.parameters = self._parameters(settings)
         self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
@@ -127,7 +120,9 @@ class FittedWheel:
         for _ in range(_WEIGHED if not self.ordered else 0):
             data = smoothed_model.with_noise_of(data, solution.residual, criteria.NOISE_POINTS)
             solution = smoothed_fit.solve(self.model, self.sought, data, solution.t, solution.common)
-        self.take(solution, data)
+        self._forget()
+        self.fit = smoothed_fit.as_fit(data, solution, self.fit)
+        self.parameters.update(smoothed_fit.parameters(solution))
         worse = self.ordered and all(size >= sizes[name] for name, size in self._sizes().items())
         if (not astray and self._off(levels) >= before) or (worse and not lost):
             self._forget()
@@ -201,12 +196,6 @@ class FittedWheel:
             for level, size in zip(levels, least, strict=True)
         ]
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
-
-    def take(self, solution: smoothed_fit.Solution, data: smoothed_model.SmoothedData) -> None:
-        """Replace what was fitted."""
-        self._forget()
-        self.fit = smoothed_fit.as_fit(data, solution, self.fit)
-        self.parameters.update(smoothed_fit.parameters(solution))
 
     def _parameters(self, settings: FitSettings) -> dict[str, Array]:
         """Return every parameter of every window; those of windows without samples are never used."""
@@ -373,7 +362,7 @@ class FittedWheel:
         They are those of some parts of the samples.
         """
         rows = np.arange(0, len(self), max(1, len(self) // _TELL))
-        channels, _ = self.smoothed(gaps, rows)
+        channels = self.smoothed(gaps, rows)
         total = np.zeros(len(rows))
         found = prediction.values(self.model, self.geometry, channels, self._some(rows))
         for name, predicted in found.items():
@@ -382,8 +371,8 @@ class FittedWheel:
             total += np.nan_to_num(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny)
         return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
-    def smoothed(self, gaps: Mapping[str, int], rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return channels and drivers of some usable samples, without the samples' own noise.
+    def smoothed(self, gaps: Mapping[str, int], rows: Index) -> dict[str, Array]:
+        """Return channels of some usable samples, without the samples' own noise.
 
         Load and slip are interpolated from neighbours, of which `gaps` on either side are left out; the
         sinkage is the model's own under these two, as soil that varies would otherwise be in the sinkage of
@@ -394,5 +383,4 @@ class FittedWheel:
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
-        found = {name: driver.values[rows] for name, driver in self.drivers.items()}
-        return channels, {n: channels[n] if n in smoothed_channels.INTERPOLATED else found[n] for n in found}
+        return channels

@@ -1,25 +1,17 @@
 """Predictions of blocks by fits to the others; and by them, whether one soil is as good as several."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import blocks, prediction, smoothed_model
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Parts in turn left out of a segment that is a single block, and of a log to tell one soil from several.
 PARTS, _PARTS_OF_LOG = 4, 24
@@ -27,8 +19,6 @@ PARTS, _PARTS_OF_LOG = 4, 24
 FARTHEST = 2.0
 #: Mean square of a change, in units of the noise, from which on it is looked at twice.
 _FAR = 0.05
-#: Samples differentiated at a time.
-_SLAB = 65_536
 
 
 def folds(window: Index, block: Index) -> Index:
@@ -47,24 +37,22 @@ def folds(window: Index, block: Index) -> Index:
     return np.unique(fold, return_inverse=True)[1].astype(np.intp)
 
 
-def predict(
-    wheel: FittedWheel, block: Index, scale: Mapping[str, float], inputs: Mapping[str, Array] | None = None
-) -> dict[str, Array]:
+def predict(wheel: FittedWheel, block: Index, scale: Mapping[str, float]) -> dict[str, Array]:
     """Predict every sample, by channel and of shape (n,), by a fit of the other blocks.
 
     The fit without a block is one step of Gauss and Newton away from the fit of all: exactly so for
     a model that is linear in its parameters. The prediction is the model's at that place, or, where that
     has left a curved valley of the fit, the linear one, which follows the valley (`nearer`).
 
-    `scale` is the standard deviation that weighs the residuals of a channel; `inputs` are channels, shape
-    (n,), from which to predict in place of the wheel's own.
+    `scale` is the standard deviation that weighs the residuals of a channel.
     """
     fold = folds(wheel.window, block)
     cell, moved = _without(wheel, fold, scale)
+    names, whole = (*wheel.soil, *wheel.common), wheel.predicted
 
     def parameters(rows: Index) -> dict[str, Array]:
         found = wheel.of_samples(rows)
-        for column, name in enumerate((*wheel.soil, *wheel.common)):
+        for column, name in enumerate(names):
             width = FARTHEST * wheel.prior[name]
             move = np.clip(moved[cell[rows], column], -width, width)
             found[name] = found[name] * np.exp(move) if name in wheel.logarithmic else found[name] + move
@@ -75,22 +63,12 @@ def predict(
             found["sinkage_exponent"] = np.maximum(found["sinkage_exponent"], 0.1)
         return found
 
-    channels = wheel.read if inputs is None else inputs
     there = tuple(wheel.measured)
-    out = prediction.values(wheel.model, wheel.geometry, channels, parameters, there)
-    whole = (
-        wheel.predicted
-        if inputs is None
-        else prediction.values(wheel.model, wheel.geometry, channels, wheel.of_samples, there)
-    )
+    out = prediction.values(wheel.model, wheel.geometry, wheel.read, parameters, there)
     change = {name: np.nan_to_num((out[name] - whole[name]) / scale[name]) for name in there}
     far = np.flatnonzero(_per_fold(change, fold)[fold] > _FAR)
     if len(far):
-        some = {name: column[far] for name, column in channels.items()}
-        names = (*wheel.soil, *wheel.common)
-        tables = prediction.derivatives(
-            wheel.model, wheel.geometry, some, lambda rows: wheel.of_samples(far[rows]), names
-        )
+        tables = wheel.slopes({name: column[far] for name, column in wheel.read.items()}, far)
         here = wheel.of_samples(far)
         unit = np.stack([here[n] if n in wheel.logarithmic else np.ones(len(far)) for n in names], axis=1)
         step = moved[cell[far]] * unit
@@ -127,27 +105,20 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     In the unit sought: logarithms of parameters that are positive.
     """
     names = (*wheel.soil, *wheel.common)
-    size = len(names)
     pairs, cell = np.unique(np.stack([wheel.window, fold]), axis=1, return_inverse=True)
     cell = cell.ravel().astype(np.intp)
     cells = pairs.shape[1]
-    information, score = np.zeros((cells, size, size)), np.zeros((cells, size))
-    for start in range(0, len(wheel), _SLAB):
-        rows = slice(start, min(start + _SLAB, len(wheel)))
-        parameters = wheel.of_samples(rows)
-        tables = prediction.derivatives(
-            wheel.model, wheel.geometry, wheel.read, wheel.of_samples, names, rows
-        )
-        for table in tables.values():
-            for column, parameter in enumerate(names):
-                if parameter in wheel.logarithmic:
-                    table[:, column] *= parameters[parameter]
-        error = np.stack([wheel.residuals[name][rows] / scale[name] for name in tables], axis=1)
-        design = np.stack([table / scale[name] for name, table in tables.items()], axis=1)
-        unknown = ~np.isfinite(error)
-        error[unknown], design[unknown] = 0.0, 0.0
-        information += normal_equations.products(design, design, cell[rows], cells)
-        score += normal_equations.products(design, error[..., None], cell[rows], cells)[..., 0]
+    tables = wheel.slopes(wheel.read, np.arange(len(wheel)))
+    for table in tables.values():
+        for column, parameter in enumerate(names):
+            if parameter in wheel.logarithmic:
+                table[:, column] *= wheel.parameters[parameter][wheel.window]
+    error = np.stack([wheel.residuals[name] / scale[name] for name in tables], axis=1)
+    design = np.stack([table / scale[name] for name, table in tables.items()], axis=1)
+    unknown = ~np.isfinite(error)
+    error[unknown], design[unknown] = 0.0, 0.0
+    information = normal_equations.products(design, design, cell, cells)
+    score = normal_equations.products(design, error[..., None], cell, cells)[..., 0]
     prior = np.diag([wheel.prior[name] ** -2.0 for name in names])
     own = wheel.model.parameters
     low, high = (

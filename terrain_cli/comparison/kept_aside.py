@@ -1,26 +1,19 @@
 """Stretches kept aside: `diagnose` does not see them, and a change of a model is judged on them."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.blocks import at_times
 from terrain_cli.errors import UsageError
+from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.usable_samples import STANDS
 from terrain_cli.telemetry.wheel_samples import Notice
-from terrain_cli.windows.cut_windows import pieces
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Index
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.vocabulary.arrays import Index
+from terrain_cli.windows.cut_windows import Windows, pieces
 
 
 class TooShort(Notice):

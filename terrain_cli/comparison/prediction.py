@@ -1,27 +1,16 @@
 """Torque, drawbar pull and sinkage of the measured samples, and their derivatives by what was fitted."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.wheel_model import predict
+from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry, predict
+from terrain_cli.vocabulary.arrays import Array
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array
-
-    #: From samples, by their indices, to every parameter of the soil and of the effects of each.
-    Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
-
-#: Samples predicted at a time.
-_SLAB = 65_536
+#: From samples, by their indices, to every parameter of the soil and of the effects of each.
+Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
 
 
 def compared(model: Model, channels: Mapping[str, Array]) -> tuple[str, ...]:
@@ -54,14 +43,13 @@ def values(
     n = len(next(iter(channels.values())))
     from_sinkage = ("sinkage", "slip", *(("load",) if model.base == "linear" else ()))
     result = {name: np.full(n, np.nan) for name in wanted}
-    for rows in _slabs(n):
-        for load_given, needed in ((False, from_sinkage), (True, ("load", "slip"))):
-            names = [name for name in wanted if load_given == (name == "sinkage" or not given_sinkage)]
-            if names:
-                whole = _rows(model, channels, rows, needed)
-                part = _predict(model, wheel, channels, parameters, whole, load_given=load_given)
-                for name in names:
-                    result[name][whole] = value(getattr(part, name))
+    for load_given, needed in ((False, from_sinkage), (True, ("load", "slip"))):
+        names = [name for name in wanted if load_given == (name == "sinkage" or not given_sinkage)]
+        if names:
+            rows = _rows(model, channels, needed)
+            found = _predict(model, wheel, channels, parameters, rows, load_given=load_given)
+            for name in names:
+                result[name][rows] = value(getattr(found, name))
     return result
 
 
@@ -71,54 +59,39 @@ def derivatives(
     channels: Mapping[str, Array],
     parameters: Parameters,
     names: Sequence[str],
-    part: slice | None = None,
 ) -> dict[str, Array]:
     """Differentiate the predictions by parameters: by channel, (n, len(names)); 0 where not predictable.
 
     The derivative of the sinkage is that of the root: −(∂balance/∂p) / (∂balance/∂z) at the sinkage given, so
-    that no root is sought. With `part`, only of these samples.
+    that no root is sought.
     """
     wanted = compared(model, channels)
     given_sinkage = _known(channels, "sinkage")
-    part = part or slice(0, len(next(iter(channels.values()))))
-    n = part.stop - part.start
+    n = len(next(iter(channels.values())))
     result = {name: np.zeros((n, len(names))) for name in wanted}
     needed = ("slip", *(("sinkage",) if given_sinkage else ()))
     if "sinkage" in wanted or not given_sinkage or model.base == "linear":
         needed = (*needed, "load")
-    for rows in _slabs(part.stop, part.start):
-        whole = _rows(model, channels, rows, needed)
-        by = (*names, *(("sinkage",) if "sinkage" in wanted else ()))
-        found = _predict(model, wheel, channels, parameters, whole, load_given=not given_sinkage, by=by)
-        for name in wanted:
-            number = found.balance if name == "sinkage" and given_sinkage else getattr(found, name)
-            table = (
-                np.stack([np.broadcast_to(slopes(number).get(p, 0.0), (len(whole),)) for p in names], axis=1)
-                if names
-                else np.zeros((len(whole), 0))
-            )
-            if name == "sinkage" and given_sinkage:
-                steep = np.broadcast_to(slopes(number)["sinkage"], (len(whole),))
-                table = -table / np.where(np.abs(steep) > 0.0, steep, np.inf)[:, None]
-            result[name][whole - part.start] = np.where(np.isfinite(table), table, 0.0)
+    rows = _rows(model, channels, needed)
+    by = (*names, *(("sinkage",) if "sinkage" in wanted else ()))
+    found = _predict(model, wheel, channels, parameters, rows, load_given=not given_sinkage, by=by)
+    for name in wanted:
+        number = found.balance if name == "sinkage" and given_sinkage else getattr(found, name)
+        table = np.zeros((len(rows), len(names)))
+        for column, parameter in enumerate(names):
+            table[:, column] = slopes(number).get(parameter, 0.0)
+        if name == "sinkage" and given_sinkage:
+            steep = np.broadcast_to(slopes(number)["sinkage"], (len(rows),))
+            table = -table / np.where(np.abs(steep) > 0.0, steep, np.inf)[:, None]
+        result[name][rows] = np.where(np.isfinite(table), table, 0.0)
     return result
 
 
-def _slabs(n: int, first: int = 0) -> Iterator[slice]:
-    for start in range(first, n, _SLAB):
-        yield slice(start, min(start + _SLAB, n))
-
-
-def _rows(
-    model: Model, channels: Mapping[str, Array], rows: slice, needed: Sequence[str]
-) -> NDArray[np.intp]:
+def _rows(model: Model, channels: Mapping[str, Array], needed: Sequence[str]) -> NDArray[np.intp]:
     """Return the samples of which everything is known that a prediction needs."""
-    fine = np.ones(rows.stop - rows.start, dtype=bool)
-    for name in {*needed, *(n for n in model.needs if n in channels)}:
-        fine &= np.isfinite(channels[name][rows])
-    if "sinkage" in needed:
-        fine &= channels["sinkage"][rows] > 0.0
-    return np.asarray(np.flatnonzero(fine) + rows.start)
+    known = {*needed, *(name for name in model.needs if name in channels)}
+    fine = np.all([np.isfinite(channels[name]) for name in known], axis=0)
+    return np.flatnonzero(fine & (channels["sinkage"] > 0.0) if "sinkage" in needed else fine)
 
 
 def _predict(

@@ -1,28 +1,20 @@
 """Search of the residuals for what a model leaves out: the strongest term, then the next beyond it."""
 
-from __future__ import annotations
-
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import distributions
 from terrain_cli.comparison.blocks import DRAWS, max_test
 from terrain_cli.comparison.drivers import ANGLE, PARTS
-from terrain_cli.comparison.residual_scores import System
+from terrain_cli.comparison.residual_scores import FittedTerms, ResidualEvidence, ScoreCell, System
+from terrain_cli.comparison.shapes import Shape
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.residual_scores import FittedTerms, ResidualEvidence, ScoreCell
-    from terrain_cli.comparison.shapes import Shape
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 _PLAIN = ("constant", "linear", "label", "step", "stretch", "saturating", "quadratic", "periodic")
 #: Drivers that are named before others that varied alike, or of which nothing is known but the name of a
@@ -121,7 +113,6 @@ class Search:
         *,
         taken: Collection[tuple[str, str]] = (),
         level: float,
-        draws: int = DRAWS,
         seed: int = 0,
     ) -> list[Found]:
         """Find the terms beyond chance, the strongest first, each beyond those found before.
@@ -152,13 +143,12 @@ class Search:
             test = max_test(
                 np.where(testable, scores, 0.0),
                 shrunk=self._shrunk(len(chosen)),
-                draws=draws,
                 seed=seed + len(found),
             )
             coefficient = np.where(testable, scores.sum(axis=0) / power, 0.0)
             explained = coefficient**2 * power
             # Neither tells what is rarer than one of the draws.
-            p_values = np.minimum(test.p_values, np.maximum(self._by_share(explained, testable), 1.0 / draws))
+            p_values = np.minimum(test.p_values, np.maximum(self._by_share(explained, testable), 1.0 / DRAWS))
             best = self._strongest(explained, (p_values < level) & testable, need)
             if best is None:
                 break

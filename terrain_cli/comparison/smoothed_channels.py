@@ -1,22 +1,14 @@
 """Channels that a model and its effects read, without their own noise: from neighbours or conditions."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import blocks, residual_noise, whitening
 from terrain_cli.comparison import comparison_criteria as criteria
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Channels whose noise reaches the predictions, in the order in which the fit takes them.
 NOISY = ("load", "sinkage", "slip")

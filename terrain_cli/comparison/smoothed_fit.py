@@ -6,28 +6,21 @@ allow. Here they count as exact, and what the model cannot explain counts as noi
 a block.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from terrain_cli.comparison import smoothed_model
+from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.comparison.whitening import Whitening
-from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.estimation.wheel_fit import Fit, normal_equations
 from terrain_cli.estimation.wheel_fit.damped_search import damped
 from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, inside, newton
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from terrain_cli.comparison.smoothed_model import SmoothedData
-    from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.arrays import Array, Index
 
 _ITERATIONS, _ROUNDS = 24, 2
 #: Damping at first; the least factor by which a step that falls as promised eases it, and the factor by which

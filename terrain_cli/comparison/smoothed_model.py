@@ -5,27 +5,18 @@ the load. What is left of torque, pull and sinkage is in units of its noise, and
 (Huber 1964). `smoothed_fit` fits models to them.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.wheel_model import predict
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.whitening import Whitening
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry, predict
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Deviations of the noise beyond which a residual weighs less.
 BEND = 3.0
@@ -33,8 +24,6 @@ BEND = 3.0
 NO_ANSWER = 10.0
 #: Nodes on each arc while parameters are sought and differentiated: forces right to 1e-4.
 ORDER = 6
-#: Samples predicted at a time.
-_SLAB = 65_536
 _STIFFNESS = "stiffness"
 #: Share of the load by which what the soil carries may be off one step from a sinkage.
 _CARRIES = 0.2
@@ -112,35 +101,35 @@ def forecast(
         fine &= data.inputs["sinkage"] > 0.0
     found = {name: np.full(n, np.nan) for name in names}
     tables = {name: np.zeros((n, len(by))) for name in names}
-    for some in _slabs(fine):
-        # On its way a search meets soils that do not carry the load: no prediction, and no warning.
-        inputs = {name: column[some] for name, column in data.inputs.items()}
-        own = {name: column[some] for name, column in numbers.items()}
-        with np.errstate(all="ignore"):
-            if both and model.base == "wong-reece":
-                part, along = _carrying(model, data, inputs, own, by, order)
-            else:
-                along = {}
-                part = predict(
-                    model,
-                    data.geometry,
-                    inputs,
-                    own,
-                    given="sinkage" if given == "sinkage" else "load",
-                    by=by,
-                    order=order,
-                    start=None if guess is None else guess[some],
-                )
-        for name in names:
-            number = getattr(part, name)
-            if number is None:
-                continue
-            found[name][some] = value(number)
-            by_stiffness = slopes(number).get(_STIFFNESS, 0.0)
-            for column, parameter in enumerate(by):
-                slope = slopes(number).get(parameter)
-                if slope is not None:
-                    tables[name][some, column] = slope + by_stiffness * along.get(parameter, 0.0)
+    some = _rows(fine)
+    # On its way a search meets soils that do not carry the load: no prediction, and no warning.
+    inputs = {name: column[some] for name, column in data.inputs.items()}
+    own = {name: column[some] for name, column in numbers.items()}
+    with np.errstate(all="ignore"):
+        if both and model.base == "wong-reece":
+            part, along = _carrying(model, data, inputs, own, by, order)
+        else:
+            along = {}
+            part = predict(
+                model,
+                data.geometry,
+                inputs,
+                own,
+                given="sinkage" if given == "sinkage" else "load",
+                by=by,
+                order=order,
+                start=None if guess is None else guess[some],
+            )
+    for name in names:
+        number = getattr(part, name)
+        if number is None:
+            continue
+        found[name][some] = value(number)
+        by_stiffness = slopes(number).get(_STIFFNESS, 0.0)
+        for column, parameter in enumerate(by):
+            slope = slopes(number).get(parameter)
+            if slope is not None:
+                tables[name][some, column] = slope + by_stiffness * along.get(parameter, 0.0)
     return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}
 
 
@@ -149,13 +138,11 @@ def _known(data: SmoothedData, names: Iterable[str]) -> NDArray[np.bool_]:
     return np.asarray(np.all([np.isfinite(data.inputs[name]) for name in names], axis=0))
 
 
-def _slabs(fine: NDArray[np.bool_]) -> Iterator[Index | slice]:
+def _rows(fine: NDArray[np.bool_]) -> Index | slice:
+    """Return which samples are fine: those without a gap are looked at, and not copied."""
     rows = np.flatnonzero(fine)
-    for start in range(0, len(rows), _SLAB):
-        slab = rows[start : start + _SLAB]
-        first, end = int(slab[0]), int(slab[-1]) + 1
-        # Rows without a gap are looked at, and not copied.
-        yield slice(first, end) if end - first == len(slab) else slab
+    whole = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
+    return whole if whole.stop - whole.start == len(rows) else rows
 
 
 def _carrying(
@@ -197,37 +184,37 @@ def nearby(
     tables = {name: np.zeros((n, len(by))) for name in names}
     moved = np.full(n, np.nan)
     fine = _known(data, {"slip", "load", *model.needs} & data.inputs.keys())
-    for some in _slabs(fine & np.isfinite(guess) & (guess > 0.0)):
-        begun = guess[some]
-        with np.errstate(all="ignore"):
-            part = predict(
-                model,
-                data.geometry,
-                {**{name: column[some] for name, column in data.inputs.items()}, "sinkage": begun},
-                {name: column[some] for name, column in numbers.items()},
-                by=(*by, "sinkage"),
-                order=ORDER,
-            )
-        steep = np.broadcast_to(slopes(part.balance).get("sinkage", 0.0), begun.shape)
-        steep = np.where(np.abs(steep) > 0.0, steep, np.inf)
-        step = np.clip(-value(part.balance) / steep, -0.5 * begun, begun)
-        # So far from the load there may be no sinkage that carries it.
-        near = np.abs(value(part.balance)) <= _CARRIES * np.abs(data.inputs["load"][some])
-        # Nor one that bears less the deeper the wheel is.
-        near &= steep > 0.0
-        moved[some] = np.where(near, begun + step, np.nan)
-        along = [-slopes(part.balance).get(p, 0.0) / steep for p in by]
-        for name in names:
-            if name == "sinkage":
-                found[name][some] = begun + step
-                for column, slope in enumerate(along):
-                    tables[name][some, column] = slope
-                continue
-            number = getattr(part, name)
-            by_sinkage = slopes(number).get("sinkage", 0.0)
-            found[name][some] = value(number) + by_sinkage * step
-            for column, parameter in enumerate(by):
-                tables[name][some, column] = slopes(number).get(parameter, 0.0) + by_sinkage * along[column]
+    some = _rows(fine & np.isfinite(guess) & (guess > 0.0))
+    begun = guess[some]
+    with np.errstate(all="ignore"):
+        part = predict(
+            model,
+            data.geometry,
+            {**{name: column[some] for name, column in data.inputs.items()}, "sinkage": begun},
+            {name: column[some] for name, column in numbers.items()},
+            by=(*by, "sinkage"),
+            order=ORDER,
+        )
+    steep = np.broadcast_to(slopes(part.balance).get("sinkage", 0.0), begun.shape)
+    steep = np.where(np.abs(steep) > 0.0, steep, np.inf)
+    step = np.clip(-value(part.balance) / steep, -0.5 * begun, begun)
+    # So far from the load there may be no sinkage that carries it.
+    near = np.abs(value(part.balance)) <= _CARRIES * np.abs(data.inputs["load"][some])
+    # Nor one that bears less the deeper the wheel is.
+    near &= steep > 0.0
+    moved[some] = np.where(near, begun + step, np.nan)
+    along = [-slopes(part.balance).get(p, 0.0) / steep for p in by]
+    for name in names:
+        if name == "sinkage":
+            found[name][some] = begun + step
+            for column, slope in enumerate(along):
+                tables[name][some, column] = slope
+            continue
+        number = getattr(part, name)
+        by_sinkage = slopes(number).get("sinkage", 0.0)
+        found[name][some] = value(number) + by_sinkage * step
+        for column, parameter in enumerate(by):
+            tables[name][some, column] = slopes(number).get(parameter, 0.0) + by_sinkage * along[column]
     return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}, moved
 
 

@@ -1,20 +1,13 @@
 """Two models side by side on the same blocks."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from terrain_cli.comparison import blocks
-from terrain_cli.comparison.comparison_outcome import UNITS, Difference, segment_soils
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from terrain_cli.comparison.blocks import Interval
-    from terrain_cli.comparison.comparison_outcome import Comparison, Soils
-    from terrain_cli.vocabulary.arrays import Array, Mask
+from terrain_cli.comparison.blocks import Interval
+from terrain_cli.comparison.comparison_outcome import UNITS, Comparison, Difference, Soils, segment_soils
+from terrain_cli.vocabulary.arrays import Array, Mask
 
 
 def against(first: Comparison, second: Comparison) -> list[Difference]:

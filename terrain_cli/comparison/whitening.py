@@ -5,23 +5,17 @@ that what one of them misses by foretells the others. A sample's residuals are m
 of a root of their covariance: what is left has variance 1 in every channel and nothing in common.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria as criteria
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.estimation.wheel_fit.fit_data import level
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Correlations beyond this are not believed: the covariance must keep an inverse.
 _MOST = 0.98
@@ -121,8 +115,7 @@ def of_channels(measured: Mapping[str, Array], group: Index) -> Whitening:
     for column in measured.values():
         second = column[:-2] - 2.0 * column[1:-1] + column[2:]
         second = np.abs(second[(group[2:] == group[:-2]) & np.isfinite(second)]) / np.sqrt(6.0)
-        known = column[np.isfinite(column)]
-        size = float(np.sqrt(np.mean(known**2))) if len(known) else 1.0
+        size = level(column)
         noise = (
             float(np.median(second)) / 0.6745
             if len(second) >= criteria.NOISE_SAMPLES

@@ -1,37 +1,27 @@
 """p values: how often chance alone gives such scores, such a gain, such an order of points, such a rest."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli import effects as catalogues
-from terrain_cli.comparison import distributions
+from terrain_cli.comparison import Comparison, distributions
 from terrain_cli.comparison.blocks import DRAWS, error, max_test
 from terrain_cli.comparison.compare import pooled_noise
 from terrain_cli.comparison.comparison_outcome import UNITS, EffectScores
-from terrain_cli.comparison.residual_noise import between
+from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.residual_noise import Between, between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, effect_sizes, refits, screening, several_soils, signatures
-from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, above_noise, over_noise
+from terrain_cli.diagnosis.refits import Ground, Refit
+from terrain_cli.diagnosis.screening import Screened
+from terrain_cli.effects import Effect
 from terrain_cli.mechanics.rates import LEADS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.comparison.residual_noise import Between
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.diagnosis.screening import Screened
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.models import ModelFile
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Blocks of which all choices of signs are tried.
 _FEW = 8

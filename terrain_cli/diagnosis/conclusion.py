@@ -1,14 +1,15 @@
 """What every verb says at its end: whether the model fits to within the noise, and else what to do."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison import Comparison, Finding, comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import (
+    Asked,
+    Diagnosis,
     Evidence,
     above_noise,
     leaves_much,
@@ -20,12 +21,6 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
 from terrain_cli.vocabulary.quantities import counted, listed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Diagnosis
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
 #: Channels to be recorded, and places, that a sentence names.

@@ -1,27 +1,20 @@
 """What a model lacks: the method of docs/diagnose.md, step by step."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
-from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
+from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
-
-    from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
-    from terrain_cli.diagnosis.refits import Refit
-    from terrain_cli.diagnosis.screening import Screened
-    from terrain_cli.diagnosis.steps import Ranked
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.diagnosis.refits import Refit
+from terrain_cli.diagnosis.screening import Screened
+from terrain_cli.effects import Effect
+from terrain_cli.models import ModelFile
+from terrain_cli.windows.cut_windows import Windows
 
 
 def diagnose(
@@ -64,67 +57,52 @@ def diagnose(
     law, law_alone = steps.outside_the_catalogue(ranked, family, two)
     full = steps.on_full_stresses(case, ranked, two)
     decision = verdict.decide(
-        verdict.Findings(
-            family=family.ids,
-            earned=family.earned,
-            clear=family.clear,
-            law_alone=law_alone,
-            pair=two.ids,
-            pair_is_best=two.is_best,
-            on_full_stresses=tuple(one.id for one, _ in full),
-        )
+        family=family.ids,
+        earned=family.earned,
+        clear=family.clear,
+        law_alone=law_alone,
+        pair=two.ids,
+        pair_is_best=two.is_best,
+        on_full_stresses=tuple(one.id for one, _ in full),
     )
     rivals = {"family": family.members, "on_full_stresses": full}.get(decision.rivals, [])
+    if decision.verdict == "unknown" and law is not None:
+        changed: Collection[str] = [law.channel]
+    else:
+        changed = next((one.laws for one in case.effects if one.id == decision.family[0]), ())
     return _told(
         case,
-        ranked,
-        Diagnosis(
-            comparison=ranked.log.comparison,
-            alarm=alarm,
-            verdict=decision.verdict,
-            effect=decision.effect,
-            family=decision.family,
-            candidates=steps.candidates(ranked.log, ranked.base, ranked.several, decision.family),
-            unknown=law if decision.tells_law else None,
-            next_drive=steps.next_drives(case, ranked, rivals),
-            not_testable=list(log.not_testable),
-            warnings=list(log.comparison.warnings),
-            together=decision.together,
-            together_or=two.rivals if decision.together == two.ids else (),
-            unrecorded=screening.unrecorded(case.effects, log.data.wheels),
-            heldout=steps.as_it_is(ranked.log),
-            soils=_soils(ranked.log),
-        ),
+        ranked.log,
+        alarm,
+        changed,
+        verdict=decision.verdict,
+        effect=decision.effect,
+        family=decision.family,
+        candidates=steps.candidates(ranked.log, ranked.base, ranked.several, decision.family),
+        unknown=law if decision.tells_law else None,
+        next_drive=steps.next_drives(case, ranked, rivals),
+        together=decision.together,
+        together_or=two.rivals if decision.together == two.ids else (),
+        heldout=steps.as_it_is(ranked.log),
     )
 
 
 def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnosis:
     """Say that nothing shows; of few data also what they speak for."""
-    few = log.data.blocks < comparison_criteria.FEWEST_BLOCKS
-    several = steps.refitted(case, log) if few else []
+    several = steps.refitted(case, log) if log.data.blocks < comparison_criteria.FEWEST_BLOCKS else []
+    candidates, heldout = steps.candidates(log, base, several, ()), steps.as_it_is(log) if several else {}
+    return _told(case, log, alarm, (), verdict="none", candidates=candidates, heldout=heldout)
+
+
+def _told(case: Case, log: DiagnosedLog, alarm: Alarm, changed: Collection[str], **found: Any) -> Diagnosis:
+    """Put together what was found, with the sentence for a person; `changed` is as for `verdict.sentence`."""
     diagnosis = Diagnosis(
         comparison=log.comparison,
         alarm=alarm,
-        verdict="none",
-        candidates=steps.candidates(log, base, several, ()),
         not_testable=list(log.not_testable),
         warnings=list(log.comparison.warnings),
         unrecorded=screening.unrecorded(case.effects, log.data.wheels),
-        heldout=steps.as_it_is(log) if several else {},
-        soils=_soils(log),
+        soils=sum(len(wheel.windows) for wheel in log.data.wheels),
+        **found,
     )
-    return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures))
-
-
-def _soils(log: DiagnosedLog) -> int:
-    return sum(len(wheel.windows) for wheel in log.data.wheels)
-
-
-def _told(case: Case, ranked: Ranked, diagnosis: Diagnosis) -> Diagnosis:
-    """Add the sentence for a person."""
-    laws = {one.id: one.laws for one in case.effects}
-    if diagnosis.verdict == "unknown" and diagnosis.unknown:
-        changed: Collection[str] = [diagnosis.unknown.channel]
-    else:
-        changed = laws.get(diagnosis.family[0], ())
-    return replace(diagnosis, sentence=verdict.sentence(diagnosis, ranked.log.failures, changed))
+    return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures, changed))

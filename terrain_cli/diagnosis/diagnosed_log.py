@@ -1,34 +1,27 @@
 """The first steps of a diagnosis: the number of soils, the fit of the model as it is, and the scores."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli import models
-from terrain_cli.comparison import blocks, comparison_criteria
+from terrain_cli.comparison import Comparison, Finding, blocks, comparison_criteria
 from terrain_cli.comparison.compare import of_fitted, on_few_soils, scale_of
 from terrain_cli.comparison.findings import Residuals
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable
+from terrain_cli.diagnosis.refits import Ground
+from terrain_cli.diagnosis.screening import Screened
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.estimators import FitSettings
+from terrain_cli.models import ModelFile
 from terrain_cli.telemetry.long_logs import notes
+from terrain_cli.vocabulary.arrays import Index
 from terrain_cli.windows import joined_inputs
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable
-    from terrain_cli.diagnosis.refits import Ground
-    from terrain_cli.diagnosis.screening import Screened
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Index
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,14 +45,8 @@ class DiagnosedLog:
     hypotheses: Sequence[Hypothesis]
     not_testable: list[NotTestable]
     failures: list[Finding] = field(default_factory=list)  # Where the model fails on these soils
-    screened: Screened | None = None
+    found: Screened = field(default_factory=Screened)  # The scores of all effects, from the step `scores` on
     soils_are_better: bool = False  # Than any effect on these: than one that takes off most of what they do
-
-    @property
-    def found(self) -> Screened:
-        """The scores of all effects; there once the step `scores` was taken."""
-        assert self.screened is not None  # noqa: S101 - the order of the steps
-        return self.screened
 
 
 def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
@@ -96,7 +83,7 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
         block=own,
         comparison=comparison,
         hypotheses=hypotheses,
-        not_testable=list(not_testable),
+        not_testable=not_testable,
         soils_are_better=instead is not None and not instead.as_good,
     )
 
@@ -115,12 +102,8 @@ def scores(case: Case, log: DiagnosedLog) -> DiagnosedLog:
         one = max(log.hypotheses, key=lambda one: found.explained.get(one.id, 0.0))
         better = refits.on_wheels(log.data, one, refits.refit(log.data, one))
         found = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed, better)
-    failures = list(log.comparison.failures)
-    if other_soils:
-        failures = _findings(log, case.seed)
-    return replace(
-        log, screened=found, failures=failures, not_testable=[*log.not_testable, *found.not_testable]
-    )
+    failures = _findings(log, case.seed) if other_soils else log.comparison.failures
+    return replace(log, found=found, failures=failures, not_testable=[*log.not_testable, *found.not_testable])
 
 
 def _longer_blocks(log: DiagnosedLog, found: Screened) -> DiagnosedLog | None:

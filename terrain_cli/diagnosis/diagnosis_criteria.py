@@ -1,7 +1,5 @@
 """What decides what a model is said to lack; read as ``diagnosis_criteria.NAME``."""
 
-from __future__ import annotations
-
 from terrain_cli.vocabulary.choices import criterion
 
 """How many blocks are enough?"""

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.effects import Effect
+from terrain_cli.mechanics.effect import Parameter, Prior
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.choices import BASES
 from terrain_cli.vocabulary.quantities import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.effects import Effect
-    from terrain_cli.mechanics.effect import Parameter, Prior
-    from terrain_cli.mechanics.wheel_model import Model
 
 Verdict = Literal["none", "effect", "family", "unknown"]
 

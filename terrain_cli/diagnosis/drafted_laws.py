@@ -4,34 +4,26 @@ A draft is a file such as a user writes, units included, and goes the way of eve
 there: fitted, held out, judged.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.comparison import shapes
-from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.comparison.comparison_outcome import UNITS, Driver
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
+from terrain_cli.effects import Effect
 from terrain_cli.effects.laws import effect_file, grammar
 from terrain_cli.effects.laws.law_names import LONGEST_NAME, is_column
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.effect import QUANTITIES
 from terrain_cli.vocabulary import toml_files
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import listed
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.comparison_outcome import Driver
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.effects import Effect
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Quantities that a draft changes: what a channel shows, then what is in the ground.
 SHOWN = tuple(UNITS)

@@ -1,27 +1,20 @@
 """How large the parameters of an effect are, over all wheels, and on each where they differ."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from terrain_cli.comparison import distributions, prediction, smoothed_fit
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.diagnosis_outcome import Size
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, Size
 from terrain_cli.diagnosis.refit_ranking import absent
+from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.models.model_file import SOIL_UNITS
 from terrain_cli.telemetry import unit_doubts
+from terrain_cli.vocabulary.arrays import Array, Index
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.vocabulary.arrays import Array, Index
-
-    Known = tuple[float, float]
+Known = tuple[float, float]
 
 
 def of_refit(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.comparison.smoothed_model import SmoothedData
+from terrain_cli.mechanics.effect import Effect
 from terrain_cli.telemetry.effect_inputs import RUT
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.quantities import number
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
-
-    from terrain_cli.comparison.smoothed_model import SmoothedData
-    from terrain_cli.mechanics.effect import Effect
-    from terrain_cli.vocabulary.arrays import Array
-
 
 #: Hz.
 RATE = 10.0

@@ -7,38 +7,29 @@ Atkinson & Fedorov 1975, Biometrika 62(1), 57–70). A law is never exactly that
 done with the truth bent as in `refit_ranking`, which neither of the two can imitate.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import distributions, smoothed_model
 from terrain_cli.comparison.blocks import error
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.comparison.smoothed_fit import Solution
+from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import manoeuvres
-from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive
+from terrain_cli.diagnosis.manoeuvres import Manoeuvre
 from terrain_cli.diagnosis.refit_ranking import FORMS, absent, bent
+from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.effect_inputs import RUT, rate_of, sources
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.smoothed_fit import Solution
-    from terrain_cli.comparison.smoothed_model import SmoothedData
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.diagnosis.manoeuvres import Manoeuvre
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.vocabulary.arrays import Array
-
+from terrain_cli.vocabulary.arrays import Array
 
 #: Rounds until what is measured and what is predicted from it agree.
 _ROUNDS = 3

@@ -1,12 +1,10 @@
 """What no effect of the catalogue explains: a channel, a driver, and a drafted law."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,19 +15,13 @@ from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
+from terrain_cli.diagnosis.drafted_laws import Draft
+from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.effects.laws import law_trial
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.telemetry.effect_inputs import sources
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from terrain_cli.diagnosis.drafted_laws import Draft
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.diagnosis.signatures import SignatureEvidence
-    from terrain_cli.vocabulary.arrays import Array
-
 
 #: Samples that are screened.
 _MOST = 4_000
@@ -65,7 +57,10 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         one_block = np.zeros(len(rows), dtype=np.intp)
         screened = drafted_laws.screen(wheel, values, known.channels, rows, steps)
         for changes, drafts in groupby(screened, key=itemgetter(0)):
-            several = [(draft[1:3], _whitened(known, draft[3])) for draft in drafts]
+            several = [
+                (draft[1:3], known.whitened(draft[3], next(iter(draft[3].values())).shape[1]))
+                for draft in drafts
+            ]
             tables = np.concatenate([table for _, table in several], axis=2)
             found, _ = signatures.scores(known.residual, known.soil, tables, wheel.window[rows], one_block, 1)
             first = 0
@@ -99,10 +94,6 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
     )
     tried.sort(key=lambda one: float(one.refit.loss.sum()))
     return _plainest(tried, base)
-
-
-def _whitened(known: SignatureEvidence, tables: Mapping[str, Array]) -> Array:
-    return known.whitened(tables, next(iter(tables.values())).shape[1])
 
 
 def _tried(data: Ground, written: tuple[Draft, Hypothesis, list[dict[str, Array]]]) -> Tried:

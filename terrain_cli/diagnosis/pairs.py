@@ -3,27 +3,20 @@
 Step by step the first effect added is the one that imitates both best, which need not be one of them.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from terrain_cli import effects as catalogues
 from terrain_cli import processes
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refit_ranking, refits, screening
+from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+from terrain_cli.diagnosis.refits import Ground, Refit
+from terrain_cli.effects import Effect
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.models import model_change
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
+from terrain_cli.models import ModelFile, model_change
 
 
 def best(

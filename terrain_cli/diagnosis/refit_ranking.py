@@ -11,25 +11,21 @@ effect is bent is a nuisance parameter: only what these data leave open of it co
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria, smoothed_fit, smoothed_model
 from terrain_cli.comparison.blocks import error, resample, webb_weights
+from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 from terrain_cli.mechanics.effect import CERTAIN
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.comparison.smoothed_model import SmoothedData
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.arrays import Array, Index
 
 
 def beats(one: Refit, other: Refit) -> bool:
@@ -98,7 +94,7 @@ class Rivals:
 def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis], seed: int) -> Rivals:
     """Tell which of several explanations, the best first, remain."""
     count = len(refits)
-    cells = [_Design(data, one, hypothesis) for one, hypothesis in zip(refits, hypotheses, strict=True)]
+    cells = [_design(data, *pair) for pair in zip(refits, hypotheses, strict=True)]
     # The same draws for every truth and candidate: only what they predict differs.
     weights = webb_weights(DRAWS, data.blocks, np.random.default_rng(seed))
     noise = refits[0].residuals
@@ -109,8 +105,8 @@ def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis
     for truth in range(count):
         for column, form in enumerate(FORMS):
             most = _allowed(cells[0], cells[truth], form, noise)
-            shown = [part.predicted + most * part.bend(form) for part in cells[truth].parts]
-            losses = np.stack([cell.losses(shown, noise, weights) for cell in cells], axis=1)
+            shown = [part.predicted + most * part.bend(form) for part in cells[truth]]
+            losses = np.stack([_losses(cell, shown, noise, weights) for cell in cells], axis=1)
             first = losses.argmin(axis=1)
             firsts[truth, column] = np.mean(first == truth)
             if truth == 0:
@@ -127,19 +123,19 @@ def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis
     return Rivals(family, earned, share)
 
 
-def _allowed(best: _Design, truth: _Design, form: float, residuals: Sequence[Array]) -> float:
+def _allowed(best: Sequence[_Part], truth: Sequence[_Part], form: float, residuals: Sequence[Array]) -> float:
     """Return the largest share of a bend that the residuals of the best allow, were another the truth.
 
     It is fitted to them beside all parameters of both, which may take up a part of it.
     """
-    found, square = np.zeros(best.blocks), 0.0
-    for one, other, residual in zip(best.parts, truth.parts, residuals, strict=True):
+    found, square = np.zeros(best[0].blocks), 0.0
+    for one, other, residual in zip(best, truth, residuals, strict=True):
         design = np.concatenate([one.design, other.design], axis=2)
         flat, bend = design.reshape(-1, design.shape[2]), other.bend(form)
         moved = np.linalg.solve(flat.T @ flat + other.spread * np.eye(flat.shape[1]), flat.T @ bend.ravel())
         own = (residual != 0.0) * (bend - design @ moved)
         left = np.clip(residual, -smoothed_model.BEND, smoothed_model.BEND)
-        found += np.bincount(one.block, (own * left).sum(axis=1), best.blocks)
+        found += np.bincount(one.block, (own * left).sum(axis=1), one.blocks)
         square += float((own**2).sum())
     # The noise has a variance of 1; the scatter of a few blocks may show too little of it.
     most = found.sum() + criteria.BETTER * np.sqrt(max((found**2).sum(), square))
@@ -152,34 +148,31 @@ def _tied(difference: Array, seed: int) -> bool:
     return bool(np.mean(draws <= 0.0) > criteria.TIED)
 
 
-class _Design:
-    """A fitted candidate: what it predicts, and what a change of its parameters does to that."""
+def _design(data: Ground, refit: Refit, hypothesis: Hypothesis) -> list[_Part]:
+    """Return, of each wheel, what a candidate predicts, and what a change of its parameters does to that."""
+    parts = []
+    for index, solution in enumerate(refit.solutions):
+        part, base = data.data[index], data.base[index]
+        predicted = _white(part, solution.model, solution.of_samples(part.window))
+        if hypothesis.effects:
+            without = _white(part, solution.model, absent(hypothesis, solution.of_samples(part.window)))
+        else:
+            without = _white(part, base.model, base.of_samples(part.window))
+        design = widened(solution.design, solution.t.shape[1], part.window, part.windows)
+        parts.append(
+            _Part(predicted, predicted - without, design, data.block[index], data.blocks, solution.spread)
+        )
+    return parts
 
-    def __init__(self, data: Ground, refit: Refit, hypothesis: Hypothesis) -> None:
-        self.blocks = data.blocks
-        self.parts = []
-        for index, solution in enumerate(refit.solutions):
-            part, base = data.data[index], data.base[index]
-            predicted = _white(part, solution.model, solution.of_samples(part.window))
-            if hypothesis.effects:
-                without = _white(part, solution.model, absent(hypothesis, solution.of_samples(part.window)))
-            else:
-                without = _white(part, base.model, base.of_samples(part.window))
-            design = widened(solution.design, solution.t.shape[1], part.window, part.windows)
-            self.parts.append(
-                _Part(predicted, predicted - without, design, data.block[index], self.blocks, solution.spread)
-            )
 
-    def losses(self, shown: Sequence[Array], noise: Sequence[Array], weights: Array) -> Array:
-        """Return held-out losses where something else was shown, over draws of the noise."""
-        total = np.zeros(len(weights))
-        for part, one, residual in zip(self.parts, shown, noise, strict=True):
-            total += part.losses(one, residual, weights)
-        return total
+def _losses(parts: Sequence[_Part], shown: Sequence[Array], noise: Sequence[Array], weights: Array) -> Array:
+    """Return held-out losses where something else was shown, over draws of the noise."""
+    each = zip(parts, shown, noise, strict=True)
+    return np.asarray(sum(part.losses(one, residual, weights) for part, one, residual in each))
 
 
 class _Part:
-    """One wheel of a design, block by block."""
+    """One wheel of a candidate, block by block."""
 
     def __init__(
         self, predicted: Array, effect: Array, design: Array, block: Index, blocks: int, spread: float

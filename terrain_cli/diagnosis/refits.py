@@ -1,12 +1,10 @@
 """Refits: models with something added, fitted to all of the data, and their held-out predictions."""
 
-from __future__ import annotations
-
 import copy
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,19 +17,15 @@ from terrain_cli.comparison import (
     whitening,
 )
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.smoothed_fit import Solution
+from terrain_cli.comparison.smoothed_model import SmoothedData
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
-from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.smoothed_fit import Solution
-    from terrain_cli.comparison.smoothed_model import SmoothedData
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, unknowns
+from terrain_cli.vocabulary.arrays import Array, Index
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,7 +231,6 @@ def _solved(
         fixed={**fixed, **hypothesis.fixed},
         priors={**settings.priors, **hypothesis.priors},
         shared=settings.shared,
-        windows=part.windows,
         under=wheel.under,
     )
     if after:
@@ -356,12 +349,6 @@ def fitted_anew(wheel: FittedWheel, one: Hypothesis) -> FittedWheel:
     return FittedWheel(wheel.windows, one.model, settings, wheel.segment, wheel.further)
 
 
-def _size(error: Array) -> float:
-    """Return the root mean square of a residual, as something to divide by."""
-    known = error[np.isfinite(error)]
-    return max(float(np.sqrt(np.mean(known**2))), 1e-300) if len(known) else 1.0
-
-
 def held_out_errors(
     wheels: Iterable[FittedWheel], block: Sequence[Index], levels: Mapping[str, float]
 ) -> dict[str, float]:
@@ -373,7 +360,9 @@ def held_out_errors(
     errors: dict[str, list[Array]] = {}
     for wheel, own in zip(wheels, block, strict=True):
         # A model may predict a channel that the one compared has no answer for.
-        scale = {name: levels.get(name) or _size(wheel.residuals[name]) for name in wheel.measured}
+        scale = {
+            name: levels.get(name) or max(level(wheel.residuals[name]), 1e-300) for name in wheel.measured
+        }
         found = held_out.predict(wheel, own, scale)
         for name, measured in wheel.measured.items():
             error = measured - found[name]

@@ -2,39 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison.blocks import joined, long_enough
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Size
+from terrain_cli.diagnosis.signatures import Scores
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.models import model_change
+from terrain_cli.models import ModelFile, model_change
 from terrain_cli.telemetry.effect_inputs import CONSTANTS, sources
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.diagnosis.signatures import Scores
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Channel that tells one part of a drive from another, as a change of soil does.
 DRIVEN_BEFORE = "pass_number"
 #: Samples of all wheels that are scored, evenly thinned.
 MOST_SAMPLES = 6_000
-#: Width of the prior about the null, in typical sizes.
-_WIDTH = 5.0
+#: Precision of the prior about the null: it is five typical sizes wide.
+_PRECISION = 5.0**-2.0
 
 
 @dataclass(kw_only=True)
@@ -186,12 +181,11 @@ def screen(
         if not one.effects:
             _assumed(found, one)
             continue
-        groups = [(part, [g for g in part.groups if g.id == one.id]) for part in parts]
-        reasons = [part.reason(own) for part, own in groups]
+        reasons = [part.reason(one.id) for part in parts]
         if all(reasons):
-            found.not_testable.append(NotTestable(one.id, next(filter(None, reasons))))
+            found.not_testable.append(NotTestable(one.id, reasons[0]))
             continue
-        _add(found, one, [(part, own, test) for (part, own), test in zip(groups, tests, strict=True)])
+        _add(found, one, parts, tests)
     return found
 
 
@@ -283,7 +277,12 @@ class _Columns:
 
     def left_by(self, effect: str) -> Array:
         """Return what an effect leaves of the residual, to first order."""
-        return np.asarray(self.evidence.residual - self._explained_by(self._best_shape(effect)))
+        columns = self.best_shape(effect)
+        if not len(columns):
+            return self.evidence.residual
+        return np.asarray(
+            self.evidence.residual - self.left[:, :, columns] @ self.scores.fit(columns, _PRECISION)[0]
+        )
 
     def left_in(self, wheel: FittedWheel) -> Array:
         """Return what another model of the wheel leaves, in the same units."""
@@ -305,42 +304,41 @@ class _Columns:
         label = long_enough(found, independent=criteria.UNRELATED_SHORT_SCORES)
         return None if label is None else replace(self.short, blocks=joined(self.short.blocks, label))
 
+    def shapes(self, effect: str) -> list[Index]:
+        """Return the columns of an effect that can be tested, of each shape that has any."""
+        own = (g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect)
+        return [columns for columns in own if len(columns)]
+
     def explained(self, *effects: str) -> float:
         """Return what effects take off the sum of squares together, to first order."""
-        own = [[g.columns[self.testable[g.columns]] for g in self.groups if g.id == one] for one in effects]
-        every = [np.concatenate(columns) for columns in product(*own) if all(map(len, columns))]
-        return max((self.scores.fit(columns, _WIDTH**-2.0)[2] for columns in every), default=0.0)
+        every = map(np.concatenate, product(*map(self.shapes, effects)))
+        return max((self.scores.fit(columns, _PRECISION)[2] for columns in every), default=0.0)
 
-    def _best_shape(self, effect: str) -> Index:
+    def best_shape(self, effect: str) -> Index:
         """Return the columns of an effect in the shape that explains most; none where it cannot be tested."""
-        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
-        own = [columns for columns in own if len(columns)]
         nothing = np.zeros(0, dtype=np.intp)
-        return max(own, key=lambda some: self.scores.fit(some, _WIDTH**-2.0)[2], default=nothing)
-
-    def _explained_by(self, columns: Index) -> Array:
-        """Return what some columns, fitted together, explain of each sample; 0 of none."""
-        if not len(columns):
-            return np.zeros_like(self.evidence.residual)
-        return np.asarray(self.left[:, :, columns] @ self.scores.fit(columns, _WIDTH**-2.0)[0])
+        return max(
+            self.shapes(effect), key=lambda some: self.scores.fit(some, _PRECISION)[2], default=nothing
+        )
 
     def held_out_gain(self, effect: str) -> Array:
         """Return by block what an effect gains there, fitted to the other blocks of this wheel."""
         score = self.scores.blocks
-        columns = self._best_shape(effect)
+        columns = self.best_shape(effect)
         if not len(columns):
             return np.zeros(len(score))
         shown, score = self.left[:, :, columns], score[:, columns]
         own_cross = products(shown, shown, self.block, len(score))
-        cross = own_cross.sum(axis=0) - own_cross + _WIDTH**-2.0 * np.eye(len(columns))
+        cross = own_cross.sum(axis=0) - own_cross + _PRECISION * np.eye(len(columns))
         change = np.linalg.solve(cross, (score.sum(axis=0) - score)[..., None])[..., 0]
         return np.asarray(
             2.0 * (change * score).sum(axis=1) - np.einsum("bp,bpq,bq->b", change, own_cross, change)
         )
 
-    def reason(self, groups: Sequence[_Group]) -> str:
+    def reason(self, effect: str) -> str:
         """Say why these data tell nothing of an effect; nothing if they do."""
-        columns = np.concatenate([group.columns for group in groups]) if groups else np.zeros(0, dtype=int)
+        groups = [group.columns for group in self.groups if group.id == effect]
+        columns = np.concatenate(groups) if groups else np.zeros(0, dtype=int)
         if len(columns) == 0:
             return "changes nothing that was measured"
         if self.testable[columns].any():
@@ -355,31 +353,24 @@ class _Columns:
 
 
 def _add(
-    found: Screened, one: Hypothesis, parts: Sequence[tuple[_Columns, Sequence[_Group], tuple[Array, Array]]]
+    found: Screened, one: Hypothesis, parts: Sequence[_Columns], tests: Sequence[tuple[Array, Array]]
 ) -> None:
     """Collect what all wheels say of one effect; of several shapes of it, of the one that explains most."""
     explained = 0.0
     score, p_value, surviving = 0.0, 1.0, 0.0
     sizes: dict[str, Size] = {}
-    for part, groups, (t, p_values) in parts:
-        best = None
-        for group in groups:
-            use = group.columns[part.testable[group.columns]]
-            if len(use) == 0:
-                continue
-            change, covariance, gain = part.scores.fit(use, _WIDTH**-2.0)
-            score = max(score, float(np.abs(t[use]).max()))
-            p_value = min(p_value, float(p_values[use].min()))
-            if best is None or gain > best[0]:
-                best = (gain, group, use, change, covariance)
-        if best is None:
+    for part, (t, p_values) in zip(parts, tests, strict=True):
+        if not (shapes := part.shapes(one.id)):
             continue
-        gain, group, use, change, covariance = best
+        every, use = np.concatenate(shapes), part.best_shape(one.id)
+        score = max(score, float(np.abs(t[every]).max()))
+        p_value = min(p_value, float(p_values[every].min()))
+        change, covariance, gain = part.scores.fit(use, _PRECISION)
         explained += gain
         surviving = max(surviving, float(part.scores.surviving[use].max()))
+        names = {place: name for g in part.groups for place, name in zip(g.columns, g.names, strict=True)}
         for column, moved, variance in zip(use, change, np.diag(covariance), strict=True):
-            name = group.names[int(column - group.columns[0])]
-            parameter = one.model.parameters[name].under(*part.under)
+            parameter = one.model.parameters[names[column]].under(*part.under)
             sizes[parameter.name] = Size(
                 (parameter.null + moved * parameter.scale) / parameter.factor,
                 float(np.sqrt(variance)) * parameter.scale / parameter.factor,

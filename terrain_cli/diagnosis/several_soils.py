@@ -5,36 +5,28 @@ such a change to whoever cuts first; and a soil can change though its strength h
 steps, which shows in sinkage, and in all that follows from it. Either is weighed on held-out blocks.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from terrain_cli.comparison import smoothed_fit
+from terrain_cli.comparison import Comparison, smoothed_fit
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.comparison.comparison_outcome import place_of
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.smoothed_fit import Solution
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
-from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, above_noise, over_noise
+from terrain_cli.diagnosis.refits import Ground, Refit
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
+from terrain_cli.models import ModelFile
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import counted, listed, the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.comparison.smoothed_fit import Solution
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-    from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.effects import Effect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Array, Index
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.windows.cut_windows import Windows
 
 #: Samples of all wheels that are fitted.
 MOST_SAMPLES = 3_000

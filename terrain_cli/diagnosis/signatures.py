@@ -6,31 +6,24 @@ imitates can show; the score of a block is the sum of ĝ e over it (Rao 1948, wi
 1959). Each window has parameters of its own: they are eliminated window by window.
 """
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria, whitening
 from terrain_cli.comparison.blocks import DRAWS, max_test
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.smoothed_channels import inputs_known
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.comparison.whitening import Whitening
-    from terrain_cli.effects import Effect
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Short blocks of which chance is drawn: what costs little. No score exceeds √blocks standard errors, however
 #: large the effect.
@@ -65,7 +58,7 @@ class SignatureEvidence(NamedTuple):
 
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
-    channels, _ = wheel.smoothed(wheel.gaps, rows)
+    channels = wheel.smoothed(wheel.gaps, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
@@ -279,7 +272,7 @@ def test(
         [np.where(use, one.blocks, 0.0) for one, use in zip(several, testable, strict=True)], axis=1
     )
     shrunk = min(one.shrunk for one in several)
-    found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed)
+    found = max_test(table, shrunk=shrunk, seed=seed)
     ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
     return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))
 

@@ -1,10 +1,8 @@
 """The steps of a diagnosis from the alarm on, as docs/diagnose.md numbers them."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,8 +10,10 @@ from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.comparison import blocks, comparison_criteria
 from terrain_cli.comparison.compare import pooled_noise
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import (
     alarm,
+    drafted_laws,
     effect_sizes,
     next_drive,
     outside_catalogue,
@@ -23,18 +23,11 @@ from terrain_cli.diagnosis import (
     screening,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate
+from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Hypothesis, NextDrive, UnknownEffect
+from terrain_cli.diagnosis.refits import Ground, Refit
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.diagnosis import drafted_laws
-    from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive, UnknownEffect
-    from terrain_cli.diagnosis.refits import Ground, Refit
-
-    Fitted = tuple[Hypothesis, Refit]
+Fitted = tuple[Hypothesis, Refit]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,7 +313,12 @@ def candidates(
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
         change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
-        wheels = [] if refit is None else _with(log, one, refit, anew=one.id == first)
+        wheels: list[FittedWheel] = []
+        if one.id == first and refit is not None:
+            # As `compare` and `model add` fit it; of the others, in less time, with what the refit found.
+            wheels = [refits.fitted_anew(wheel, one) for wheel in data.wheels]
+        elif refit is not None:
+            wheels = refits.on_wheels(data, one, refit)
         return Candidate(
             effect=one.id,
             title=one.title,
@@ -346,16 +344,6 @@ def candidates(
     return sorted(
         listed, key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss)
     )
-
-
-def _with(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> list[FittedWheel]:
-    """Return the wheels with a hypothesis, as `compare` and `model add` predict of them.
-
-    Fitted `anew` as they do, or, in less time, with the parameters of the refit.
-    """
-    if anew:
-        return [refits.fitted_anew(wheel, one) for wheel in log.data.wheels]
-    return refits.on_wheels(log.data, one, refit)
 
 
 def as_it_is(log: DiagnosedLog) -> dict[str, float]:

@@ -1,40 +1,23 @@
 """The verdict: from the findings to a decision, and from that to sentences for a person."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison import Finding, comparison_criteria
 from terrain_cli.comparison.findings import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise, too_few
+from terrain_cli.diagnosis.diagnosis_outcome import (
+    Candidate,
+    Diagnosis,
+    Size,
+    Verdict,
+    above_noise,
+    over_noise,
+    too_few,
+)
 from terrain_cli.models import STRESSES
 from terrain_cli.vocabulary.quantities import listed, short
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
-    from terrain_cli.comparison import Finding
-    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, Size, Verdict
-
-
-@dataclass(frozen=True, kw_only=True)
-class Findings:
-    """What a diagnosis found once the alarm was raised."""
-
-    family: tuple[str, ...] = ()  # Effects that cannot be told from the best one, which comes first
-    earned: bool = False  # The best one was named again in the trials, and leaves nothing over
-    clear: bool = False  # The best one leaves little, if anything
-    law_alone: bool = False  # A drafted law predicts better than every effect, of which the best leaves much
-    # Two effects that together predict better than anything else; empty if there are none, or if the best
-    # one, being clear, is one of them
-    pair: tuple[str, ...] = ()
-    pair_is_best: bool = False  # The pair also predicts better than the best effect does with any other
-    # Effects that predict better than anything else once the stresses of the base linear are replaced; empty
-    # if none does
-    on_full_stresses: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,29 +37,36 @@ class Decision:
         return self.family[0] if self.verdict == "effect" else None
 
 
-def decide(found: Findings) -> Decision:
-    """Weigh the findings.
+def decide(
+    *,
+    family: tuple[str, ...] = (),
+    earned: bool = False,
+    clear: bool = False,
+    law_alone: bool = False,
+    pair: tuple[str, ...] = (),
+    pair_is_best: bool = False,
+    on_full_stresses: tuple[str, ...] = (),
+) -> Decision:
+    """Weigh what was found once the alarm was raised.
 
-    The strongest statement wins: what the base linear gets wrong, then a pair, then a law that stands
-    alone, then a single name that was earned, then a family.
+    The strongest statement wins: effects that predict best once the stresses of the base linear are replaced,
+    then a pair of effects, then a drafted law that stands alone, then a single name that was earned, then a
+    family, of which the first is `clear` if it leaves little.
     """
-    if found.on_full_stresses:
-        both = (STRESSES, found.on_full_stresses[0])
-        family = (STRESSES, *found.on_full_stresses)
+    if on_full_stresses:
+        every = (STRESSES, *on_full_stresses)
         return Decision(
-            verdict="family", family=family, together=both, tells_law=False, rivals="on_full_stresses"
+            verdict="family", family=every, together=every[:2], tells_law=False, rivals="on_full_stresses"
         )
-    if found.pair:
-        if not found.clear:
-            return Decision(
-                verdict="family", family=found.family or found.pair, together=found.pair, tells_law=False
-            )
-        joined = found.pair if found.pair_is_best else tuple(dict.fromkeys((*found.pair, *found.family)))
-        rivals = "" if found.pair_is_best else "family"
-        return Decision(verdict="family", family=joined, together=found.pair, tells_law=False, rivals=rivals)
-    if found.law_alone:
+    if pair and not clear:
+        return Decision(verdict="family", family=family or pair, together=pair, tells_law=False)
+    if pair:
+        joined = pair if pair_is_best else tuple(dict.fromkeys((*pair, *family)))
+        rivals = "" if pair_is_best else "family"
+        return Decision(verdict="family", family=joined, together=pair, tells_law=False, rivals=rivals)
+    if law_alone:
         return Decision(verdict="unknown", family=(), rivals="")
-    return Decision(verdict="effect" if found.earned else "family", family=found.family)
+    return Decision(verdict="effect" if earned else "family", family=family)
 
 
 #: How a verdict ends where a law of its own was drafted.

@@ -6,29 +6,21 @@ smaller; and by how far the estimate is from that soil whose torques and loads, 
 the triangles may leave a tenth of c. None averages out over samples, nor over windows.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.estimation import WindowEstimates
 from terrain_cli.estimation.further_unknowns import calibrations
 from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.line.pooled import Trace
 from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE, soils
 from terrain_cli.mechanics import contact, linear
-from terrain_cli.vocabulary.choices import LARGEST_PHI
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.estimation.line.pooled import Trace
-    from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.vocabulary.choices import LineMethod
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.choices import LARGEST_PHI, LineMethod
+from terrain_cli.windows.cut_windows import Windows
 
 #: Samples of a window that tell how far the estimates would move, and samples at a time.
 _SOME, _GROUP = 60, 20_000

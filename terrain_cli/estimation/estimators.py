@@ -2,42 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli import estimation, models, processes
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import fit_account, wheel_fit
+from terrain_cli.estimation import WindowEstimates, fit_account, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.further_unknowns import suspects, with_calibrations, with_contact, with_rivals
+from terrain_cli.estimation.joint_grid import JointPosterior
 from terrain_cli.estimation.strength import with_strengths
-from terrain_cli.estimation.wheel_fit import Noise, Prior
+from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
-from terrain_cli.rover import NOISY
-from terrain_cli.vocabulary.choices import FIT_SAMPLES
+from terrain_cli.rover import NOISY, SensorNoise
+from terrain_cli.telemetry import Samples
+from terrain_cli.telemetry.wheel_samples import Geometry
+from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.choices import FIT_SAMPLES, LineMethod, Method
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.estimation.joint_grid import JointPosterior
-    from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.rover import SensorNoise
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.telemetry.wheel_samples import Geometry
-    from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.vocabulary.choices import LineMethod, Method
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.windows.cut_windows import Windows
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors below 1 %.
 _MOST = 4_000
@@ -310,14 +301,7 @@ def of_fit(
     fit: Fit, line: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
     """Return what the table of windows says of a fit; `line` keeps its columns of least squares and ridge."""
-    soil: dict[str, Any] = {
-        name: column
-        for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
-        if parameter in fit.values
-        for name, column in ((parameter, fit.values[parameter]), (f"{parameter}_se", fit.errors[parameter]))
-    }
-    estimates = replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
-    estimates = with_strengths(estimates, windows, at_stress)
+    estimates = with_strengths(wheel_fit.as_window_estimates(fit, line), windows, at_stress)
     # c and φ stay empty where their number is that of the prior, or of a single sample.
     every = np.full(len(fit), fill_value=True)
     c, phi = (fit.told.get(name, every) & (fit.n > 1) for name in ("cohesion", "tan_phi"))

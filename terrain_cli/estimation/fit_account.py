@@ -1,23 +1,17 @@
 """What a fit tells beside the table: what it was made with, and all parameters of a window together."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.estimation import joint_grid
+from terrain_cli.estimation import WindowEstimates, joint_grid
 from terrain_cli.estimation.joint_grid import Frame, JointPosterior
+from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.estimation.wheel_fit.unknowns import POSITIVE
+from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.models import ModelFile
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows
 
 #: Parameters of the soil that the summary shows by segment: key, unit in it, and that unit in SI.
 _SHOWN = (

@@ -1,24 +1,17 @@
 """What a model may lack: the shape of the contact, calibrations of sensors, which are sought, and effects."""
 
-from __future__ import annotations
-
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli import effects
 from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
-from terrain_cli.telemetry import effect_inputs, rover_advice
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
-    from terrain_cli.models import ModelFile
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.models import ModelFile
+from terrain_cli.telemetry import Samples, effect_inputs, rover_advice
+from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.windows.cut_windows import Windows
 
 #: The shape of the contact, as far as soils differ in it. It ends at the lowest point, or before or behind it
 #: (θ2 = −c3 θ1; c3 = 0.2 to 0.3 in soil that stays compacted: Ishigami et al. 2007).

@@ -10,20 +10,15 @@ errors that misfit and correlation have widened (the vertical adjustment of Chan
 94, 167).
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from terrain_cli.vocabulary.arrays import Array
 
-    from terrain_cli.vocabulary.arrays import Array
-
-    #: Returns log ρ at distances from the estimate along tan φ and along the strength, in standard errors.
-    Shape = Callable[[Array, Array], Array]
+#: Returns log ρ at distances from the estimate along tan φ and along the strength, in standard errors.
+Shape = Callable[[Array, Array], Array]
 
 #: Points along each side of a grid, and how far it goes from the estimate, in standard errors.
 SIDE, REACH = 41, 4.0

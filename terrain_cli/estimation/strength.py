@@ -1,23 +1,16 @@
 """Strength of the soil at a normal stress, and the stresses that a wheel puts on it."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.estimation.line.pooled import PooledEstimate
+from terrain_cli.estimation.line.window_estimates import WindowEstimates
+from terrain_cli.telemetry import Samples
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from terrain_cli.estimation.line.pooled import PooledEstimate
-    from terrain_cli.estimation.line.window_estimates import WindowEstimates
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.windows.cut_windows import Windows
 
 #: Steps of the typical stress, by decade: so that logs of one rover have one stress.
 _STEPS = np.log10([1.0, 2.0, 5.0, 10.0])

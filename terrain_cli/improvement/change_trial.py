@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from terrain_cli import models
 from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
-from terrain_cli.comparison.comparison_outcome import segment_soils
+from terrain_cli.comparison.comparison_outcome import WheelComparison, segment_soils
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
 from terrain_cli.effects import catalogue
@@ -20,23 +22,17 @@ from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
+from terrain_cli.mechanics.effect import Parameter
+from terrain_cli.models import ModelFile
+from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.quantities import listed
 from terrain_cli.windows import joined_inputs
+from terrain_cli.windows.cut_windows import Windows
 from terrain_cli.windows.joined_inputs import with_inputs
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from terrain_cli.comparison.comparison_outcome import WheelComparison
-    from terrain_cli.comparison.fitted_wheel import FittedWheel
-    from terrain_cli.mechanics.effect import Parameter
-    from terrain_cli.models import ModelFile
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.windows.cut_windows import Windows
-
-    #: Source, wheel and number of a segment.
-    Place = tuple[str, str, int]
+#: Source, wheel and number of a segment.
+Place = tuple[str, str, int]
 
 
 class _OnSoils(NamedTuple):

@@ -1,8 +1,6 @@
 """Two models on blocks that neither was fitted to: by how much their errors differ."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,11 +9,7 @@ from terrain_cli.comparison.blocks import Interval, exponential, jackknife, loga
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.comparison.two_models import both_predict, paired_sums, root_intervals
 from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from terrain_cli.vocabulary.arrays import Array, Mask
+from terrain_cli.vocabulary.arrays import Array, Mask
 
 _UNKNOWN = Interval(np.nan, np.nan, np.nan)
 

@@ -1,7 +1,5 @@
 """What decides whether a change of a model pays; read as ``improvement_criteria.NAME``."""
 
-from __future__ import annotations
-
 from terrain_cli.vocabulary.choices import criterion
 
 """How many blocks are enough?"""

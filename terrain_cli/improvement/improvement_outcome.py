@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.comparison.blocks import Interval
 from terrain_cli.diagnosis import diagnosis_criteria
+from terrain_cli.diagnosis.diagnosis_outcome import Evidence, NextDrive
 from terrain_cli.improvement import improvement_criteria as criteria
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.diagnosis.diagnosis_outcome import Evidence, NextDrive
-    from terrain_cli.models import ModelFile
+from terrain_cli.models import ModelFile
 
 Action = Literal["add", "remove"]
 Proof = Literal["same data", "stretches kept aside", "another drive"]

@@ -1,24 +1,18 @@
 """The whole loop: name what is missing, add it, keep it if it pays, until the alarm is silent."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from terrain_cli import models
 from terrain_cli.comparison import Comparison, kept_aside
 from terrain_cli.diagnosis import conclusion
+from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, UnknownEffect
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Action, Step, Stopped
+from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.quantities import listed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, UnknownEffect
-    from terrain_cli.models import ModelFile
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows
 
 
 def until_quiet(

@@ -1,24 +1,19 @@
 """[[history]] of a model file: the entry of each change, and all of them read as a ladder of errors."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from terrain_cli.comparison import Comparison
 from terrain_cli.comparison.blocks import Interval
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.improvement.improvement_outcome import Action, ChannelChange, Estimated, Step
+from terrain_cli.models import ModelFile
 from terrain_cli.version import __version__
 from terrain_cli.vocabulary.quantities import listed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
-    from terrain_cli.models import ModelFile
 
 _SIGNS = {"add": "+", "remove": "−"}
 #: What an entry says of the error of a channel, each with its interval.

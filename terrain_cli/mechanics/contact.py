@@ -11,19 +11,14 @@ At u = 0 the stress starts like a power n of u, and n is no whole number: Gaussâ
 converge slowly in u. With u = sÂ³ the integrand is smooth enough in s.
 """
 
-from __future__ import annotations
-
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from terrain_cli.vocabulary.arrays import Array
-
+from terrain_cli.vocabulary.arrays import Array
 
 ORDER = 14
 #: Nodes on each arc that give the forces to 1e-8 of themselves, by the longest way along an arc in

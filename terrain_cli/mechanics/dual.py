@@ -8,16 +8,13 @@ a soil carries a load.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from collections.abc import Callable, Mapping
+from typing import Any, cast
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from terrain_cli.vocabulary.arrays import Array, Mask
-
+from terrain_cli.vocabulary.arrays import Array, Mask
 
 #: The derivative that changes nothing: no product is formed with it.
 _SAME = 1.0

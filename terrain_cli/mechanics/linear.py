@@ -4,17 +4,10 @@ Triangular stresses under the rim with their maximum at θ1/2 and no contact beh
 turn each sample into one point of a line, y = c + x tan φ.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.vocabulary.arrays import Array
-
+from terrain_cli.vocabulary.arrays import Array
 
 #: Samples at a time: their intermediate results stay in the processor's cache, which is worth a factor of 3.
 _BLOCK = 16_384

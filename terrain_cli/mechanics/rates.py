@@ -7,20 +7,13 @@ each part is told by the next one, the last by the first. Three are the fewest w
 between parts are unrelated where there is no ripple, two by two, so that nothing adds up.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Neighbours on either side among which is chosen, and samples that are enough to choose by.
 _REACHES = (2, 4, 8, 16, 32)

@@ -4,19 +4,15 @@ The integrals of `contact`, written plainly for numbers with derivatives: slower
 law on the normal and the shear stress.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from terrain_cli.mechanics.contact import ORDER, half_angle, nodes, rolling
 from terrain_cli.mechanics.dual import chain, value
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    Change = Callable[[str, dict[str, Any]], Any]
+Change = Callable[[str, dict[str, Any]], Any]
 
 
 def forces(q: Mapping[str, Any], width: float, change: Change, *, order: int = ORDER) -> tuple[Any, Any, Any]:

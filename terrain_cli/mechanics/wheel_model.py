@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 from collections import ChainMap
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import contact, dual, rim_forces
 from terrain_cli.mechanics.contact import ORDER, order_for
 from terrain_cli.mechanics.dual import Dual, rows, seed, slopes, value
-from terrain_cli.mechanics.effect import KINDS
+from terrain_cli.mechanics.effect import KINDS, Effect, Parameter
 from terrain_cli.processes import keep_freed
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.mechanics.effect import Effect, Parameter
-    from terrain_cli.vocabulary.arrays import Array
-
 
 Given = Literal["sinkage", "load"]
 

@@ -1,25 +1,18 @@
 """Changes of a model: effects added and removed, assumptions of its base lifted and made again."""
 
-from __future__ import annotations
-
 import os
 import tomllib
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, UsageError, nearest
-from terrain_cli.mechanics.effect import Prior
+from terrain_cli.mechanics.effect import Effect, Prior
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models.model_file import ModelFile, find_effect, is_path
 from terrain_cli.vocabulary.choices import K_FACTOR
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-    from typing import Any
-
-    from terrain_cli.mechanics.effect import Effect
 
 T = TypeVar("T")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,6 @@ from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.choices import BASES, EFFECT_SCALES, PRIOR_SHARES, SOIL_BOUNDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from tomlkit import TOMLDocument
     from tomlkit.container import Container
     from tomlkit.items import Item

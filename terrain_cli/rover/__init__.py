@@ -1,7 +1,5 @@
 """rover.toml: the wheels, where their channels are found, and what missing ones derive from."""
 
-from __future__ import annotations
-
 from terrain_cli.rover.rover_file import find, load, of_text
 from terrain_cli.rover.vehicle import NOISY, Motor, Rover, SensorNoise, Vehicle, Wheel
 

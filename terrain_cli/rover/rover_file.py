@@ -1,10 +1,8 @@
 """Reads rover.toml, and checks the value of each key."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.rover.vehicle import (
@@ -21,9 +19,7 @@ from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
 from terrain_cli.vocabulary.choices import BASES, K_FACTOR, METHODS, SEGMENTS, SOIL_BOUNDS
 from terrain_cli.vocabulary.toml_files import Rule, choice, flag, number, require, table, tables, text, vector
-
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.units import Unit
+from terrain_cli.vocabulary.units import Unit
 
 #: Fields whose unit no message type tells: effort is N, N m or A, data is anything.
 _UNIT_UNKNOWN = frozenset({"effort", "data"})

@@ -1,19 +1,14 @@
 """The content of rover.toml: wheels, sources of their channels, and data to derive missing channels from."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.choices import K_FACTOR
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from terrain_cli.vocabulary.units import Unit
+from terrain_cli.vocabulary.units import Unit
 
 FILE_NAME = "rover.toml"
 Suspension = Literal["rigid", "rocker", "rocker-bogie"]

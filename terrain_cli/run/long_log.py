@@ -11,6 +11,7 @@ import os
 import queue
 import signal
 from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import chain
@@ -18,27 +19,24 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli import estimation
 from terrain_cli.errors import TerrainError
 from terrain_cli.estimation import WindowEstimates, estimators
+from terrain_cli.models import ModelFile
 from terrain_cli.presentation import segment_table
+from terrain_cli.run.settings import Settings
+from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows import cut_windows
+from terrain_cli.windows.cut_windows import Windows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
     from multiprocessing.connection import Connection
     from multiprocessing.process import BaseProcess
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.models import ModelFile
-    from terrain_cli.run.settings import Settings
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.windows.cut_windows import Windows
 
 MOST_ROWS = 2_000_000  # Rows of a table from which on it is worked through in reaches
 #: Usable samples of a reach, and those behind a bound that make it final.

@@ -1,7 +1,5 @@
 """Telemetry of drives whose truth is known: to practise on, and to test with."""
 
-from __future__ import annotations
-
 from terrain_cli.simulation.drive_file import COMMAND_LINE, read
 from terrain_cli.simulation.simulated_log import SimulatedLog, draw, drive, simulate, table, truth_table
 

@@ -1,23 +1,17 @@
 """Where the rover goes and how, on a fine time base: the body, and each wheel."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.simulation.scenario import Place, Scenario
 from terrain_cli.simulation.sensors import generator
 from terrain_cli.telemetry.derived_channels import STANDING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from terrain_cli.simulation.scenario import Place, Scenario
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 STEP = 0.01  # Times between the points of a course in s
 FLANK = 0.5  # s, over which every change is rounded off: no motor, and no derivative, knows a corner

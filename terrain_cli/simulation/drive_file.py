@@ -1,12 +1,11 @@
 """Reads what to simulate: a prepared drive or a TOML file, and what the command line says of the same."""
 
-from __future__ import annotations
-
 import tomllib
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from terrain_cli import models
 from terrain_cli.errors import ConfigurationError
@@ -29,9 +28,6 @@ from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _PREPARED = tomllib.loads(Path(__file__).with_name("drives.toml").read_text("utf-8"))
 #: What is not said of a part; and preset → what differs from that.

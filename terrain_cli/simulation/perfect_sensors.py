@@ -1,11 +1,10 @@
 """From the true load and slip on the soil to the measurements of sensors without noise."""
 # Laws on load and slip go from what is measured to what is felt: here they are solved for the former.
 
-from __future__ import annotations
-
 from collections import ChainMap
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +14,10 @@ from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
 from terrain_cli.simulation.course import STEP, Ride, plan, ride, standing
+from terrain_cli.simulation.scenario import Scenario
 from terrain_cli.telemetry.effect_inputs import MEANS, RUT, sources
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from terrain_cli.simulation.scenario import Scenario
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 _RATE = "_rate"
 _RATE_ROUNDS = 3

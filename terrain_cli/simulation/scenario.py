@@ -1,27 +1,22 @@
 """What is simulated: the wheel, the soils along the drive, their effects, and the sensors."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from terrain_cli import models
 from terrain_cli.errors import ConfigurationError, TerrainError, nearest
+from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
+from terrain_cli.simulation.sensors import Sensor
 from terrain_cli.vocabulary import toml_files
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.mechanics.effect import Effect, Parameter
-    from terrain_cli.simulation.sensors import Sensor
-    from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.vocabulary.choices import Base
-    from terrain_cli.vocabulary.toml_files import Rule
+from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.choices import Base
+from terrain_cli.vocabulary.toml_files import Rule
 
 WONG = "Wong, Theory of Ground Vehicles, table of terrain values"
 _LUNAR = "Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., 2010"

@@ -1,23 +1,19 @@
 """Simulated sensors: noise, drift, outliers, dropouts, steps and clocks."""
 
-from __future__ import annotations
-
 import math
 import re
 import zlib
 from dataclasses import asdict, dataclass, field
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.vocabulary import toml_files, units
+from terrain_cli.vocabulary.arrays import Array, Mask
 from terrain_cli.vocabulary.channels import CHANNELS, unit_hint
-
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.arrays import Array, Mask
-    from terrain_cli.vocabulary.toml_files import Rule
+from terrain_cli.vocabulary.toml_files import Rule
 
 #: Channels that a drive has, in the order of the table.
 CHANNELS_WRITTEN = (

@@ -1,13 +1,13 @@
 """From a drive, as it is described, to the measurements of its sensors, and the truth behind them."""
 
-from __future__ import annotations
-
 import secrets
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
@@ -23,13 +23,7 @@ from terrain_cli.simulation.sensors import (
     generator,
     ten_digits,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array
 
 #: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
 TOGETHER: dict[str, tuple[tuple[str, ...], float]] = {

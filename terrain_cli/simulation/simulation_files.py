@@ -1,12 +1,11 @@
 """The files of a simulation: the log as a table or as the messages of a bag, the truth and the rover file."""
 
-from __future__ import annotations
-
 import json
 import math
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,14 +13,10 @@ import formats
 from formats.output.bag_writer import Topic, write_bag
 from formats.output.text_writer import PACKINGS, write_packed
 from terrain_cli.simulation import simulated_log as logs
+from terrain_cli.simulation.scenario import Scenario
 from terrain_cli.simulation.simulated_log import TOGETHER, SimulatedLog, SimulatedSeries, truth_table
 from terrain_cli.vocabulary import toml_files
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from terrain_cli.simulation.scenario import Scenario
-    from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array
 
 #: One stamped number; the name of the topic says of what.
 NUMBER = "terrain_est_msgs/msg/Float64Stamped"

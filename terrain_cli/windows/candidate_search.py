@@ -1,17 +1,13 @@
 """Where a stretch of samples may change its line: exact search on blocks of samples."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.windows import line_costs
 from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments, correlation_factor
-
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Bounds are chosen exactly among up to so many places, ...
 EXACT = 64

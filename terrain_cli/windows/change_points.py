@@ -17,27 +17,22 @@ The constants were chosen by benchmarks/segmentation_study.py; its table is in b
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from terrain_cli.processes import keep_freed
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.candidate_search import Limits, candidates
 from terrain_cli.windows.merging import LONGEST_BRIDGE, REACH, Criteria, Criterion, Refinement
 from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index
-
-    Breaks = Sequence[int] | NDArray[np.integer]
+Breaks = Sequence[int] | NDArray[np.integer]
 
 #: Gain in units of the noise's variance, χ² with 2 degrees of freedom if there is no change. Chance
 #: exceeds 25 once in 270,000, and the best of all places in a clean run less than once in 300 runs.

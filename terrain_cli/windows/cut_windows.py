@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
 from terrain_cli.mechanics.rates import wheel_angle
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.vocabulary.quantities import the_wheel
-from terrain_cli.windows.change_points import change_points, needed, placed, sinkage_changes, whole_windows
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-    from terrain_cli.windows.change_points import Breaks
+from terrain_cli.windows.change_points import (
+    Breaks,
+    change_points,
+    needed,
+    placed,
+    sinkage_changes,
+    whole_windows,
+)
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
 #: kept of one at least.
@@ -80,13 +82,9 @@ class Windows:
 
     def groups(self, most: int) -> Iterator[Windows]:
         """Yield runs of whole windows with so many samples together, or one window each."""
-        first = 0
-        while first < len(self):
-            last = int(np.searchsorted(self.bounds, self.bounds[first] + most, side="right")) - 1
-            last = min(max(last, first + 1), len(self))
+        for first, last in runs(self.bounds, most):
             bounds = self.bounds[first : last + 1]
             yield self.taken(slice(bounds[0], bounds[-1]), bounds - bounds[0])
-            first = last
 
     def on_line(self) -> Windows:
         """Return the same windows without the samples of a skidding wheel."""
@@ -99,6 +97,16 @@ class Windows:
     def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Windows:
         """Return windows of some of the usable samples, with bounds among these."""
         return Windows(self.samples, self.rows[chosen], bounds, self.x[chosen], self.y[chosen])
+
+
+def runs(bounds: Bounds, most: int) -> Iterator[tuple[int, int]]:
+    """Part windows into runs of so many samples together, or one window each: first to last − 1."""
+    first, windows = 0, len(bounds) - 1
+    while first < windows:
+        last = int(np.searchsorted(bounds, bounds[first] + most, side="right")) - 1
+        last = min(max(last, first + 1), windows)
+        yield first, last
+        first = last
 
 
 def at_rows(column: NDArray[Any], rows: Index) -> NDArray[Any]:

@@ -1,24 +1,17 @@
 """Windows with what effects need of their samples; those of the same wheel in several inputs joined."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from formats import Labels
+from terrain_cli.effects import Effect
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import effect_inputs, usable_samples
+from terrain_cli.telemetry import Samples, effect_inputs, usable_samples
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from terrain_cli.effects import Effect
-    from terrain_cli.telemetry import Samples
 
 #: s between the end of an input and the start of the next.
 _PAUSE = 1000.0

@@ -5,16 +5,11 @@ by 1/variance, and the plain count: rows `W` to `N` of an array, one column for 
 function takes the same time for a window of any length.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.arrays import Array, Index
 
-    Slopes = tuple[Array, Array]
+Slopes = tuple[Array, Array]
 
 W, X, Y, XX, XY, YY, NOISE_XX, NOISE_XY, NOISE_YY, N = range(10)
 ROWS = 10

@@ -5,28 +5,23 @@ archive of a Mars mission (PDS bundles msl_places and mars2020_rover_places). No
 extrapolated, and no sample is placed where the table says two things.
 """
 
-from __future__ import annotations
-
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 import formats
+from formats import Column
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.telemetry import Samples, alignment
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.raw_columns import as_clock, as_labels, as_numbers, read_topics
+from terrain_cli.vocabulary.arrays import Array, Mask
 from terrain_cli.vocabulary.channels import identify, resolve
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from formats import Column
-    from terrain_cli.vocabulary.arrays import Array, Mask
-    from terrain_cli.vocabulary.units import Unit
+from terrain_cli.vocabulary.units import Unit
 
 #: The rover motion counter of a Mars mission, by the names that PLACES has.
 KEYS = ("site", "drive", "pose")

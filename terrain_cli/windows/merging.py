@@ -1,18 +1,13 @@
 """Which candidate bounds are changes of soil, and at which sample exactly."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.windows import line_costs
+from terrain_cli.windows.candidate_search import Limits
 from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
-
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-    from terrain_cli.windows.candidate_search import Limits
 
 #: Samples beside a bound in which a new soil shows.
 BESIDE = 60

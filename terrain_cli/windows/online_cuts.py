@@ -9,17 +9,13 @@ and so many samples lie behind it as tell a new soil from a bridge.
 The constants were chosen by benchmarks/follow_study.py; its table is in benchmarks/results.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.change_points import change_points, needed, sinkage_changes
-
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples that are searched: what is further back does not move a bound any more.
 HORIZON = 2048

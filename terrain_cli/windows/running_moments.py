@@ -5,12 +5,9 @@ regression slope says nothing of the soil. Every test here therefore needs the c
 (x, y), and that changes along a drive, since noise grows with the values: it is learnt from neighbours.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.windows import sample_blocks
 from terrain_cli.windows.line_costs import (
     LARGEST_SLOPE,
@@ -26,9 +23,6 @@ from terrain_cli.windows.line_costs import (
     across,
 )
 from terrain_cli.windows.sample_blocks import ReplacedSamples
-
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: No channel is known better than this share of its value.
 FLOOR = 2e-3

@@ -4,18 +4,12 @@ Everything that is asked of all samples is summed here, in one pass over them. A
 without a copy of the others.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
 POWERS, POWER_X, POWER_Y = slice(0, 5), 2, 4

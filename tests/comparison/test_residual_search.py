@@ -30,7 +30,7 @@ def search_of(residual, drivers, *, soil=None):
 
 def searched(residual, drivers, *, soil=None):
     search = search_of(residual, drivers, soil=soil)
-    return search.forward(NOISE, {"torque": len(residual)}, level=0.05, draws=199, seed=1)
+    return search.forward(NOISE, {"torque": len(residual)}, level=0.05, seed=1)
 
 
 def test_what_is_most_of_the_residual_is_found_though_it_lasts_as_long_as_the_drive():

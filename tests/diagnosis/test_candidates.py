@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from terrain_cli.diagnosis import effect_sizes, refit_ranking, steps
+from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits, steps
 
 
 @pytest.mark.parametrize(("loss", "share"), [(0.5, np.nan), (1.0, np.nan), (3.0, 0.5)])
@@ -20,7 +20,7 @@ def test_share_of_a_misfit_that_is_there(loss, share):
         sizes={name: {} for name in named},
     )
     hypotheses = [SimpleNamespace(id=name, title=name) for name in ("weak", "strong")]
-    log = SimpleNamespace(data=None, found=found, hypotheses=hypotheses)
+    log = SimpleNamespace(data=SimpleNamespace(wheels=[]), found=found, hypotheses=hypotheses)
     first, second = steps.candidates(log, base, [], ())
     assert (first.effect, second.effect) == ("strong", "weak")
     assert first.explained == pytest.approx(share, nan_ok=True)
@@ -30,7 +30,7 @@ def test_share_of_a_misfit_that_is_there(loss, share):
 def told_of_losses_alone(monkeypatch):
     """Leave out what is computed of each candidate besides its loss."""
     for module, name, answer in (
-        (steps, "_with", []),
+        (refits, "on_wheels", []),
         (effect_sizes, "of_refit", {}),
         (effect_sizes, "settles_pull", False),
         (refit_ranking, "doubt", ""),
@@ -45,7 +45,7 @@ def test_the_best_comes_first_then_the_family_then_the_others_each_by_loss():
     found = SimpleNamespace(scores=named, p_values=named, surviving=named, explained=named)
     found.sizes = {name: {} for name in named}
     hypotheses = [SimpleNamespace(id=name, title=name) for name in named]
-    log = SimpleNamespace(data=None, found=found, hypotheses=hypotheses)
+    log = SimpleNamespace(data=SimpleNamespace(wheels=[]), found=found, hypotheses=hypotheses)
     base = SimpleNamespace(loss=np.full(10, 9.0), residuals=[np.ones(10)], heldout={})
     ranked = [
         (one, SimpleNamespace(loss=np.full(10, losses[one.id]))) for one in hypotheses if one.id in losses
@@ -61,6 +61,6 @@ def test_the_best_explains_all_of_a_misfit_that_passed_for_noise():
     one = SimpleNamespace(id="lag", title="lag")
     found = SimpleNamespace(scores={"lag": 9.0}, p_values={"lag": 0.0}, surviving={"lag": 1.0})
     found.explained, found.sizes = {"lag": 1.0}, {"lag": {}}
-    log = SimpleNamespace(data=None, found=found, hypotheses=[one])
+    log = SimpleNamespace(data=SimpleNamespace(wheels=[]), found=found, hypotheses=[one])
     (listed,) = steps.candidates(log, base, [(one, SimpleNamespace(loss=np.full(10, 0.7)))], ("lag",))
     assert listed.explained == pytest.approx(1.0)

@@ -25,7 +25,7 @@ WRONG_RADIUS = {"wheel-radius": {"relative_error": 0.05}}
 def test_slip_that_changes_fast_is_there_under_noise_and_misfits_that_last(effects):
     kind = Kind(effects, noise="ar1", share=0.03, soils=1, rover=ROVER)
     (wheel,), _ = fit_wheels(windows_of(78501606, kind, "none"), Model(), FitSettings({}, {}, (), None))
-    channels, _ = wheel.smoothed(wheel.gaps, np.arange(len(wheel)))
+    channels = wheel.smoothed(wheel.gaps, np.arange(len(wheel)))
     slip, known = wheel.channels["slip"], np.isfinite(channels["slip"])
     off = float(np.std(channels["slip"][known] - slip[known]))
     assert off < 0.2 * float(np.std(slip))

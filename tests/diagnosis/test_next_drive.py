@@ -233,11 +233,11 @@ def test_the_first_drive_for_a_large_family_tells_its_members_from_one_another_t
 @pytest.mark.parametrize(("there", "least", "most"), [(0.0, 0.0, 0.4), (0.5, 0.5, 0.9), (1.0, 1.0, 1.0)])
 def test_an_effect_is_bent_as_far_as_the_data_allow(there, least, most):
     data, pairs = joined_after("warm")
-    truth, other = (refit_ranking._Design(data, refit, one) for one, refit in pairs)
+    truth, other = (refit_ranking._design(data, refit, one) for one, refit in pairs)
     form = refit_ranking.FORMS[1]
     residuals = [
         residual + there * part.bend(form)
-        for part, residual in zip(truth.parts, pairs[0][1].residuals, strict=True)
+        for part, residual in zip(truth, pairs[0][1].residuals, strict=True)
     ]
     allowed = refit_ranking._allowed(other, truth, form, residuals)
     assert least <= allowed <= most

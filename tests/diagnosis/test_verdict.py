@@ -2,7 +2,7 @@
 
 import pytest
 
-from terrain_cli.diagnosis.verdict import Findings, decide
+from terrain_cli.diagnosis.verdict import decide
 
 STRESSES = "linearised-stresses"
 AB = ("a", "b")
@@ -47,6 +47,6 @@ AB = ("a", "b")
     ],
 )  # fmt: skip
 def test_the_strongest_statement_wins(found, verdict, effect, family, together, tells_law, rivals):
-    told = decide(Findings(**found))
+    told = decide(**found)
     assert (told.verdict, told.effect, told.family) == (verdict, effect, family)
     assert (told.together, told.tells_law, told.rivals) == (together, tells_law, rivals)

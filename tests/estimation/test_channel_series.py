@@ -44,7 +44,7 @@ def driven(soil, load, slip, seed=3):
 
 def held(channels):
     """Return the inputs that are held at their means."""
-    data, _ = collect(Model(), channels, [0, len(channels["slip"])], "sinkage")
+    data = collect(Model(), channels, [0, len(channels["slip"])], "sinkage")
     found = steadied(data, RATE)
     constant = np.ptp(found.given, axis=1) < 1e-12
     np.testing.assert_array_equal(found.steady[:, 0], constant)
@@ -120,16 +120,16 @@ def test_spikes_of_an_input_are_left_out():
     """A slip of 0.8 among those of 0.2 with the torque of these made k small, and φ with it."""
     channels = driven(UPLAND_SANDY_LOAM, ROUGH, undulation(0.2, 0.3, 9.0, 2))
     n = len(channels["slip"])
-    clean, _ = collect(Model(), channels, [0, n], "sinkage")
+    clean = collect(Model(), channels, [0, n], "sinkage")
     assert not spikes(clean).any()
     at = np.array([1, 40, 42, 200, n - 2])
     channels["slip"][at] = 0.8
-    data, _ = collect(Model(), channels, [0, n], "sinkage")
+    data = collect(Model(), channels, [0, n], "sinkage")
     np.testing.assert_array_equal(np.flatnonzero(spikes(data)), at)
     within(fit(Model(), GEOMETRY, channels, [0, n], second=RATE), UPLAND_SANDY_LOAM)
     # Steps are none.
     channels["slip"][:] = np.where(np.arange(n) < n // 2, 0.1, 0.5) + clean.channels["slip"] - 0.2
-    data, _ = collect(Model(), channels, [0, n], "sinkage")
+    data = collect(Model(), channels, [0, n], "sinkage")
     assert not spikes(data).any()
 
 
@@ -142,7 +142,7 @@ def test_noise_is_at_most_what_neighbours_differ_by(lasting):
     slow = 0.1 * np.sin(2.0 * np.pi * np.arange(n) / (20.0 * RATE))
     channels = dict.fromkeys(("load", "torque", "sinkage"), np.ones(n))
     channels["slip"] = 0.3 + slow + noise * series
-    data, _ = collect(Model(), channels, [0, n // 2, n], "sinkage")
+    data = collect(Model(), channels, [0, n // 2, n], "sinkage")
     largest = LargestNoise.of(channels["slip"], data, np.zeros(2, dtype=bool), RATE)
     np.testing.assert_allclose(np.sqrt(largest.variance), noise, rtol=0.15)
 

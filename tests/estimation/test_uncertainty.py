@@ -183,5 +183,5 @@ def test_a_slope_off_the_bounds_is_counted(window):
         for slope in (line.tan_phi, line.tan_phi - 0.3)
     )
     np.testing.assert_allclose(still_open, open_)
-    middle = 0.5 * (fair.phi_low + fair.phi_high)
+    middle = 0.5 * np.sum(phi_bounds(moments, correlated=True), axis=0)
     assert turned.phi_se[0] > (middle - np.arctan(line.tan_phi - 0.3))[0] > 3.0 * fair.phi_bias[0]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from wheel_samples import WHEEL, free
 
-from terrain_cli.errors import ConfigurationError, InputError, UsageError
-from terrain_cli.estimation.wheel_fit import Prior, fit
+from terrain_cli.errors import InputError
+from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 
@@ -34,15 +34,3 @@ def test_what_cannot_be_fitted_is_said_in_one_line():
     }
     with pytest.raises(InputError, match="no sample has sinkage and slip"):
         run(gaps, truth.bounds)
-    with pytest.raises(ConfigurationError, match="no parameter 'phi'"):
-        run(channels, truth.bounds, fixed={"phi": 0.5})
-    with pytest.raises(ConfigurationError, match="prior of stiffness"):
-        run(channels, truth.bounds, priors={"stiffness": Prior(-1.0, 1.0)})
-    with pytest.raises(UsageError, match="fixed cohesion"):
-        run(channels, truth.bounds, fixed={"cohesion": np.array([1.0, 2.0, 3.0])})
-    with pytest.raises(UsageError, match="must be positive"):
-        run(channels, truth.bounds, fixed={"shear_modulus": 0.0})
-    with pytest.raises(ValueError, match="as long as the bounds"):
-        run(channels, [0, 5])
-    with pytest.raises(ValueError, match="bounds must rise"):
-        run(channels, [0, 8, 4, 10])

@@ -24,9 +24,8 @@ from simulator import (
 from wheel_samples import WHEEL, free
 
 from terrain_cli.effects import find as effect_of
-from terrain_cli.errors import ConfigurationError
 from terrain_cli.estimation.further_unknowns import with_contact
-from terrain_cli.estimation.wheel_fit import Noise, Prior, fit
+from terrain_cli.estimation.wheel_fit import Noise, fit
 from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, eliminate, newton
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 from terrain_cli.mechanics.effect import Effect, Parameter
@@ -212,19 +211,6 @@ def test_every_soil_parameter_may_be_shared():
     assert len(set(pooled.phi)) == 1
     np.testing.assert_allclose(pooled.phi[0], one.phi[0], atol=0.2 * one.phi_se[0])
     np.testing.assert_allclose(pooled.errors["cohesion"][0], one.errors["cohesion"][0], rtol=0.3)
-
-
-def test_only_parameters_of_the_model_can_be_shared():
-    truth = free(1, 60, 23)
-    with pytest.raises(ConfigurationError, match="no parameter 'k'"):
-        fit(
-            Model(),
-            GEOMETRY,
-            truth.measured(1, 0.0),
-            [0, 60],
-            shared=["k"],
-            priors={"cohesion": Prior(1e3, 1e3)},
-        )
 
 
 @pytest.mark.parametrize("parts", [(0, 340), (0, 295, 340)], ids=["one", "two"])

@@ -10,20 +10,17 @@ from __future__ import annotations
 import ast
 import re
 import unicodedata
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from math import tau
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 from terrain_cli.effects.laws import expression
+from terrain_cli.effects.laws.expression import Node
 from terrain_cli.effects.laws.grammar import LawError
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.vocabulary import units
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.effects.laws.expression import Node
 
 _BASE = ("kg", "m", "s", "K", "A", "m^n")
 #: Bounds of the text of a unit: characters, powers.

@@ -1,27 +1,21 @@
 """Reads a user's own effect from TOML: strictly, with its units checked and its law tried out."""
 
-from __future__ import annotations
-
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from formats.content import failure
 from terrain_cli.effects.laws import dimensions, expression, grammar, law_names, law_trial
+from terrain_cli.effects.laws.dimensions import Dimension
 from terrain_cli.effects.laws.grammar import Law, LawError
 from terrain_cli.effects.laws.law_names import FILE, LONGEST_NAME, NAME_FORM
+from terrain_cli.effects.laws.law_trial import Trial
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.mechanics.effect import Effect, Kind, Parameter
 from terrain_cli.vocabulary import toml_files
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from terrain_cli.effects.laws.dimensions import Dimension
-    from terrain_cli.effects.laws.law_trial import Trial
-
 
 _KIND: dict[str, Kind] = {
     **dict.fromkeys(("cohesion", "tan_phi", "shear_modulus", "stiffness", "sinkage_exponent"), "soil"),

@@ -4,17 +4,13 @@ A law is a tree of Python's own `ast`, as `terrain_cli.effects.laws.grammar` mak
 numbers as floats, and with places in the text of the law.
 """
 
-from __future__ import annotations
-
 import ast
 import math
+from collections.abc import Callable, Iterator, Mapping
 from functools import reduce
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
 
 CONSTANTS = {"pi": math.pi}
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 import ast
 import math
 import re
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from terrain_cli.effects.laws.expression import (
     CONSTANTS,
@@ -24,10 +25,6 @@ from terrain_cli.effects.laws.expression import (
     span,
 )
 from terrain_cli.errors import ConfigurationError, nearest
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from typing import Any
 
 #: Bounds: characters, nested brackets, parts in all, powers, characters of a number or name.
 LONGEST = 1000

@@ -1,11 +1,10 @@
 """Keys and names of a user's effect file: what each may be, and which quantities a law may read."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Mapping
+from typing import Any
 
 from terrain_cli.effects.laws.expression import FUNCTIONS
 from terrain_cli.effects.laws.grammar import RESERVED
@@ -13,9 +12,6 @@ from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.mechanics.effect import KINDS, QUANTITIES
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
 
 _MOST_PARAMETERS = 20
 _MOST_NEEDS = 20

@@ -1,18 +1,13 @@
 """A user's law tried on random numbers: it must do nothing at the null values, and something elsewhere."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from terrain_cli.mechanics.dual import seed, slopes, value
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from terrain_cli.mechanics.effect import Effect, Law
-    from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.mechanics.effect import Effect, Law
+from terrain_cli.vocabulary.arrays import Array
 
 #: Samples of a trial.
 SAMPLES = 256

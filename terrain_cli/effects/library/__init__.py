@@ -1,18 +1,12 @@
 """The effects that come with the program, read from effects.toml; `terrain_cli.effects` lists them."""
 
-from __future__ import annotations
-
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from terrain_cli.mechanics.effect import Effect, Parameter, Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.mechanics.effect import Law
+from terrain_cli.mechanics.effect import Effect, Law, Parameter, Sum
 
 _ENTRIES: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("effects.toml").read_text("utf-8")

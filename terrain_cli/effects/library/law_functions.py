@@ -1,19 +1,15 @@
 """Laws of the catalogue that are no arithmetic of users' laws, by the names that effects.toml gives them."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from terrain_cli.mechanics.contact import rolling, slip_of_radius
 from terrain_cli.mechanics.dual import value
+from terrain_cli.mechanics.effect import Quantities
 from terrain_cli.mechanics.rates import LEADS
-
-if TYPE_CHECKING:
-    from terrain_cli.mechanics.effect import Quantities
 
 #: What a pass changes as a share of what the one before it did, where nothing else is known.
 _FURTHER = math.exp(-1.0)

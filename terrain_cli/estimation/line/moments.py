@@ -4,20 +4,15 @@ Window j is the samples bounds[j] to bounds[j + 1] − 1. A window's means are t
 anything is multiplied: stresses of 10⁴ Pa that vary by 100 Pa would lose half their digits.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
-
-    Key = tuple[int, int, int]
+Key = tuple[int, int, int]
 
 #: Rows of a block of columns: the two stresses and the four channels they are made of.
 X, Y, LOAD, TORQUE, SINKAGE, SLIP = range(6)

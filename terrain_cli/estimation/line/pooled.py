@@ -1,24 +1,16 @@
 """Estimates of one soil that samples or windows add to: recursive within a window, pooled over windows."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.estimation.line.moments import KEYS, ROUNDING, ROWS, WindowMoments, X, Y, fit_line, running
 from terrain_cli.estimation.line.uncertainty import uncertainty
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.estimation.line.window_estimates import WindowEstimates
-    from terrain_cli.vocabulary.arrays import Array
-
+from terrain_cli.estimation.line.window_estimates import WindowEstimates
+from terrain_cli.vocabulary.arrays import Array
 
 #: Errors below this share of the strength and of 1 (Pa, or in tan φ) do not weigh more than that:
 #: exact windows would otherwise make the normal equations singular.

@@ -12,20 +12,13 @@ and acts on the split of it between c and φ alone, which is what a window of al
 stress leaves open: δ draws both parts towards equal shares, c = x tan φ.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.moments import X, Y, segment_sum
-
-if TYPE_CHECKING:
-    from terrain_cli.estimation.line.moments import WindowMoments
-    from terrain_cli.vocabulary.arrays import Array, Bounds
-
+from terrain_cli.estimation.line.moments import WindowMoments, X, Y, segment_sum
+from terrain_cli.vocabulary.arrays import Array, Bounds
 
 #: Values of δ tried: two per decade.
 DELTAS = np.logspace(-8.0, 0.0, 17)

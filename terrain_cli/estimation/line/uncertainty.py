@@ -13,20 +13,24 @@ above (Frisch 1934; Klepper & Leamer 1984).
 Where nothing but noise varies, the bounds are those of any soil.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from terrain_cli.estimation.line.moments import CHANNELS, LOAD, SINKAGE, SLIP, TORQUE, X, Y
+from terrain_cli.estimation.line.moments import (
+    CHANNELS,
+    LOAD,
+    SINKAGE,
+    SLIP,
+    TORQUE,
+    Line,
+    WindowMoments,
+    X,
+    Y,
+)
+from terrain_cli.vocabulary.arrays import Array, Mask
 from terrain_cli.vocabulary.choices import LARGEST_PHI
-
-if TYPE_CHECKING:
-    from terrain_cli.estimation.line.moments import Line, WindowMoments
-    from terrain_cli.vocabulary.arrays import Array, Mask
-
 
 #: Sign of ∂g/∂q.
 _SIGN = {LOAD: -1.0, TORQUE: 1.0, SINKAGE: -1.0, SLIP: -1.0}
@@ -207,8 +211,6 @@ class Uncertainty(NamedTuple):
     sigma_star: Array
     strength: Array
     strength_se: Array
-    phi_low: Array
-    phi_high: Array
     phi_bias: Array
 
 
@@ -250,8 +252,6 @@ def uncertainty(
             mean_x + offset,
             mean_y + pull + offset * np.nan_to_num(tan_phi),
             np.sqrt(np.maximum(var_s + np.nan_to_num(offset * cov), 0.0)),
-            low,
-            high,
             bias,
         )
         return found, np.sqrt(sampling.tan_phi / (1.0 + line.tan_phi**2) ** 2 + (high - low) ** 2 / 12.0)

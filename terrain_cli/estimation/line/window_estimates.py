@@ -1,30 +1,35 @@
 """Cohesion and friction angle of each window, with their errors and the status."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line import moments as moments_of
 from terrain_cli.estimation.line import ridge
-from terrain_cli.estimation.line.moments import KEYS, LINE, X, Y, fit_line, of_windows, segment_sum
+from terrain_cli.estimation.line.moments import (
+    KEYS,
+    LINE,
+    Key,
+    Line,
+    WindowMoments,
+    X,
+    Y,
+    fit_line,
+    of_windows,
+    segment_sum,
+)
+from terrain_cli.estimation.line.ridge import Ridge
 from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LARGEST_PHI, LineMethod
+from terrain_cli.windows.cut_windows import runs
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from terrain_cli.estimation.line.moments import Key, Line, WindowMoments
-    from terrain_cli.estimation.line.ridge import Ridge
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-
-    Text = NDArray[np.str_]
+Text = NDArray[np.str_]
 
 #: Above this condition number `auto` takes ridge and the status is ill-conditioned: x varies by
 #: less than 2 % of its mean, so that 1 % of the stress moves c by half the strength. Belsley,
@@ -104,9 +109,8 @@ class WindowEstimates:
     assumed_tan_phi_se: Array
     assumed_corr: Array
     torque_rmse: Array  # Of the torque that c and φ predict, N m
-    phi_low: Array  # phi_low, phi_high: bounds of φ for any noise in the four sensors, rad
-    phi_high: Array
-    # The part of `phi_se` that comes from these bounds, rad; it does not average out over windows
+    # The part of `phi_se` that comes from the bounds of φ for any noise in the four sensors, rad; it does not
+    # average out over windows
     phi_bias: Array
     # shear_modulus, shear_modulus_se: k and its standard error, m; of the line the k assumed, without one
     shear_modulus: Array
@@ -217,16 +221,9 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
     )
 
 
-def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
+def blocks(bounds: Bounds) -> list[tuple[int, int]]:
     """Part windows into runs, first to last − 1, of about `_BLOCK` samples; one empty run if none."""
-    first, windows = 0, len(bounds) - 1
-    while True:
-        last = int(np.searchsorted(bounds, bounds[first] + _BLOCK, side="right")) - 1
-        last = min(max(last, first + 1), windows)
-        yield first, last
-        if last >= windows:
-            return
-        first = last
+    return list(runs(bounds, _BLOCK)) or [(0, 0)]
 
 
 def _blocks(rows: Sequence[Array], bounds: Bounds) -> Iterator[tuple[list[Array], Bounds, int, int]]:

@@ -10,22 +10,16 @@ fraction of a second.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
 from terrain_cli.estimation.wheel_fit.excess_scatter import NOISE_LASTS, memory
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
-
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, FitData
+from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
 #: Standard deviations beyond chance at which an input varies from more than noise, or a channel follows it.
 _PLAIN = 3.0

@@ -5,15 +5,14 @@ sum of squares falls (Boggs & Rogers 1990). It takes more steps than Gauss–New
 in which it began however wrong the model is.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.wheel_fit.fit_data import FitData
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
     Normal,
     State,
@@ -23,15 +22,9 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     inside,
     newton,
 )
+from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.mechanics.dual import value
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.linearised import Problem
-    from terrain_cli.vocabulary.arrays import Array
-
+from terrain_cli.vocabulary.arrays import Array
 
 #: Samples of a window, and nodes on each arc, that are enough to begin with.
 _SAMPLES, _ORDER = 3, 5

@@ -1,17 +1,10 @@
 """How much more the residuals of a window scatter, over long stretches, than sensor noise explains."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import samples_per_independent
-
-if TYPE_CHECKING:
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
-
+from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0

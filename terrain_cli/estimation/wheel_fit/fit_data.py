@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from terrain_cli.errors import InputError, UsageError
+from terrain_cli.errors import InputError
 from terrain_cli.estimation.line.moments import segment_sum
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.mechanics.wheel_model import Given, Model
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-
+from terrain_cli.mechanics.wheel_model import Given, Model
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
+from terrain_cli.windows.cut_windows import runs
 
 #: Channels whose noise counts.
 CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")
@@ -30,26 +25,11 @@ _BLOCK = 16_384
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of independent errors: the root of (relative · value)² + absolute².
-
-    Raises
-    ------
-    UsageError
-        Unknown channel, or a negative deviation.
-    """
+    """Standard deviations of independent errors: the root of (relative · value)² + absolute²."""
 
     # Channel → share of the value. A channel not named here nor in `absolute` is exact.
     relative: Mapping[str, float] = field(default_factory=dict)
     absolute: Mapping[str, float] = field(default_factory=dict)  # Channel → in the channel's SI unit
-
-    def __post_init__(self) -> None:
-        for name, deviation in (*self.relative.items(), *self.absolute.items()):
-            if name not in CHANNELS:
-                raise UsageError(
-                    f"no noise is known of a channel {name!r}", hint=f"one of {', '.join(CHANNELS)}"
-                )
-            if not 0.0 <= deviation < np.inf:
-                raise UsageError(f"noise of {name}: {deviation!r} is no standard deviation")
 
     @classmethod
     def equal(cls, relative: float) -> Noise:
@@ -125,14 +105,12 @@ class FitData:
             steady=self.steady[:, windows],
         )
 
-    def without(self, left: Mask) -> tuple[FitData, Index]:
-        """Leave some samples out; return the others and their rows."""
+    def without(self, left: Mask) -> FitData:
+        """Leave some samples out."""
         kept = np.flatnonzero(~left)
         if len(kept) == len(left):
-            return self, kept
-        return self.take(
-            kept, np.diff(np.searchsorted(kept, self.bounds)), np.arange(len(self.windows))
-        ), kept
+            return self
+        return self.take(kept, np.diff(np.searchsorted(kept, self.bounds)), np.arange(len(self.windows)))
 
     def rows_of(self, windows: Index) -> Index:
         """Return the samples of some windows, counted within this data."""
@@ -159,29 +137,17 @@ class FitData:
 
     def blocks(self, size: int = _BLOCK) -> Iterator[Index]:
         """Yield runs of whole windows, of so many samples at most, save in a window with more."""
-        first, last, windows = 0, 0, len(self.windows)
-        while last < windows:
-            last = int(np.searchsorted(self.bounds, self.bounds[first] + size, side="right")) - 1
-            last = min(max(last, first + 1), windows)
-            yield np.arange(first, last)
-            first = last
+        yield from (np.arange(first, last) for first, last in runs(self.bounds, size))
 
 
-def collect(
-    model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given
-) -> tuple[FitData, Index]:
-    """Sort channels into what is given and what is predicted; return the rows that tell something too.
+def collect(model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given) -> FitData:
+    """Sort channels into what is given and what is predicted, of the samples that tell something.
 
-    NaN is not measured. InputError: a channel is missing. ValueError: arrays of different length, or bounds
-    that do not go from 0 to n.
+    NaN is not measured; bounds rise from 0 to n. InputError: a channel is missing.
     """
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
     bounds = np.asarray(bounds, dtype=np.intp)
-    n = int(bounds[-1]) if bounds.ndim == 1 and bounds.size else -1
-    if n < 0 or bounds[0] != 0 or np.any(np.diff(bounds) < 0):
-        raise ValueError("bounds must rise from 0 to the number of samples")
-    if any(column.shape != (n,) for column in columns.values()):
-        raise ValueError("the channels must be one-dimensional and as long as the bounds say")
+    n = int(bounds[-1])
     # A channel without a single value is not there.
     columns = {name: column for name, column in columns.items() if n == 0 or np.isfinite(column).any()}
     inputs, outputs = _parts(model, columns, given)
@@ -207,20 +173,17 @@ def collect(
         kept["load"] = np.where(np.isfinite(kept["load"]), kept["load"], 0.0)
     inside = np.searchsorted(rows, bounds).astype(np.intp)
     count = np.maximum(np.diff(inside), 1)
-    return (
-        FitData(
-            channels=kept,
-            inputs=inputs,
-            outputs=outputs,
-            measured=np.nan_to_num(measured[:, rows]),
-            seen=seen[:, rows],
-            bounds=inside,
-            windows=np.arange(len(bounds) - 1),
-            excess=np.ones(len(bounds) - 1),
-            mean=np.array([segment_sum(kept[name], inside) / count for name in inputs]),
-            steady=np.zeros((len(inputs), len(count)), dtype=bool),
-        ),
-        rows,
+    return FitData(
+        channels=kept,
+        inputs=inputs,
+        outputs=outputs,
+        measured=np.nan_to_num(measured[:, rows]),
+        seen=seen[:, rows],
+        bounds=inside,
+        windows=np.arange(len(bounds) - 1),
+        excess=np.ones(len(bounds) - 1),
+        mean=np.array([segment_sum(kept[name], inside) / count for name in inputs]),
+        steady=np.zeros((len(inputs), len(count)), dtype=bool),
     )
 
 

@@ -1,34 +1,30 @@
 """The result of a fit of the wheel–soil model, the status of each window, and its row of the table."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from terrain_cli.estimation.joint_grid import JointGrid
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN, STATUSES
+from terrain_cli.estimation.line.window_estimates import (
+    LARGEST_CONDITION,
+    LARGEST_PHI_OPEN,
+    STATUSES,
+    WindowEstimates,
+)
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS, SLOW, lasting_squares
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
+from terrain_cli.estimation.wheel_fit.posterior import Posterior
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 from terrain_cli.mechanics.dual import value
+from terrain_cli.mechanics.wheel_model import Model, Prediction
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import LARGEST_PHI
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from terrain_cli.estimation.joint_grid import JointGrid
-    from terrain_cli.estimation.line.window_estimates import WindowEstimates
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
-    from terrain_cli.estimation.wheel_fit.posterior import Posterior
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
-    from terrain_cli.mechanics.wheel_model import Model, Prediction
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: A parameter that would be open by more than this many of its prior's standard deviations, had
 #: all priors been ten times as wide, is known from the priors rather than from the data.
@@ -92,8 +88,6 @@ class Fit(Parameters):
     under: tuple[float, float]  # Load, N, and radius, m, with which parameters of effects grow
     n: Index  # Shape (w,): samples used
     noise: Noise
-    # Where the noise comes from: what the caller said, or the residuals (`learnt_noise`)
-    noise_from: Literal["given", "residuals"]
     # chi2, dof: shape (w,): sum of squares of the residuals in terms of the noise, and their degrees of
     # freedom
     chi2: Array
@@ -105,12 +99,7 @@ class Fit(Parameters):
     # model misses a window by so much that otherwise its errors were larger than those of the priors; 1
     # elsewhere
     excess: Array
-    # residuals, prediction: shape (n,): of "load" (the load on the wheel less the one carried), "torque",
-    # "drawbar_pull" and "sinkage", where measured: measured less predicted, and predicted, from the measured
-    # channels. NaN in samples not used.
-    residuals: dict[str, Array]
-    prediction: dict[str, Array]
-    rmse: dict[str, Array]  # Shape (w,)
+    torque_rmse: Array  # Shape (w,): of the torque predicted from the measured channels, N m
     # Shape (w,): share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`)
     slow: Array
     # Shape (w,): whether an effect of those suspected shows that would move c, φ or strength by more than
@@ -215,35 +204,29 @@ class Fit(Parameters):
         )
 
 
-def residuals_of(
-    data: FitData, prediction: Prediction, rows: Index, n: int
-) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
-    """Return residuals, predictions and root mean squares of the measured channels, as `Fit` has them.
+def residuals_of(data: FitData, prediction: Prediction) -> tuple[Array, Array]:
+    """Return what is measured less what is predicted, shape (outputs, n), 0 where there is none.
 
-    Also the residuals as an array of shape (outputs, samples of the fit), 0 where there is none.
+    Also the root mean square of the torque's, shape (w,), NaN where there is none.
     """
-    residuals, predicted, rmse, left = {}, {}, {}, np.zeros_like(data.measured)
-    for row, output in enumerate(data.outputs):
-        name = "load" if output == BALANCE else output
-        difference = data.measured[row] - value(getattr(prediction, output))
-        difference = np.where(data.seen[row], difference, np.nan)
-        residuals[name], predicted[name] = np.full((2, n), np.nan)
-        residuals[name][rows], predicted[name][rows] = difference, value(getattr(prediction, name))
-        count = segment_sum(data.seen[row].astype(float), data.bounds)
-        left[row] = np.nan_to_num(difference)
-        power = segment_sum(left[row] ** 2, data.bounds)
-        rmse[name] = np.sqrt(np.divide(power, count, out=np.full_like(power, np.nan), where=count > 0.0))
-    return residuals, predicted, rmse, left
+    predicted = np.array([value(getattr(prediction, output)) for output in data.outputs])
+    left = np.nan_to_num(np.where(data.seen, data.measured - predicted, np.nan))
+    if "torque" not in data.outputs:
+        return left, np.full(len(data.windows), np.nan)
+    row = data.outputs.index("torque")
+    count = segment_sum(data.seen[row].astype(float), data.bounds)
+    power = segment_sum(left[row] ** 2, data.bounds)
+    return left, np.sqrt(np.divide(power, count, out=np.full_like(power, np.nan), where=count > 0.0))
 
 
-def missed_share(data: FitData, channel: str, residuals: Array) -> Array:
-    """Return by which share of its size a channel is missed by more than white noise, shape (w,).
+def missed_share(data: FitData, residuals: Array) -> Array:
+    """Return by which share of its size the torque is missed by more than white noise, shape (w,).
 
-    Residuals are of shape (outputs, n), 0 where there is none; without the channel the share is 0.
+    Residuals are of shape (outputs, n), 0 where there is none; without a torque the share is 0.
     """
-    if channel not in data.outputs:
+    if "torque" not in data.outputs:
         return np.zeros(len(data.windows))
-    row = data.outputs.index(channel)
+    row = data.outputs.index("torque")
     lasting = lasting_squares(residuals[row : row + 1], data.bounds)[0]
     size = segment_sum(np.where(data.seen[row], data.measured[row] ** 2, 0.0), data.bounds)
     share = np.divide(np.maximum(lasting, 0.0), size, out=np.zeros_like(size), where=size > 0.0)
@@ -361,12 +344,17 @@ def _parted(fit: Fit) -> dict[str, Any]:
 
 
 def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
-    """Put a fit in the place of linear estimates, which keep least squares, ridge and the bounds of φ."""
-    if len(fit) != len(linear):
-        raise ValueError(f"a fit of {len(fit)} windows and estimates of {len(linear)}")
-    nothing = np.full(len(fit), np.nan)
+    """Put a fit in the place of linear estimates, which keep least squares and ridge."""
+    soil: dict[str, Any] = {
+        name: column
+        for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
+        if parameter in fit.values
+        for name, column in ((parameter, fit.values[parameter]), (f"{parameter}_se", fit.errors[parameter]))
+    }
     return replace(
         linear,
+        n=fit.n,
+        **soil,
         method=np.full(len(fit), fit.model.base),
         status=fit.status,
         separable=fit.separable,
@@ -379,7 +367,7 @@ def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
         sigma_star=fit.sigma_star,
         strength=fit.strength,
         strength_se=fit.strength_se,
-        torque_rmse=fit.rmse.get("torque", nothing),
+        torque_rmse=fit.torque_rmse,
         # Errors of the channels are in `phi_se`, and average out over windows.
         phi_bias=np.zeros(len(fit)),
     )

@@ -5,13 +5,12 @@ a fit by least squares astray however many samples there are. They are found by 
 weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 and 4.4).
 """
 
-from __future__ import annotations
-
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.moments import segment_sum
@@ -19,10 +18,11 @@ from terrain_cli.estimation.line.uncertainty import student
 from terrain_cli.estimation.wheel_fit import damped_search, missing_effects, valley
 from terrain_cli.estimation.wheel_fit.channel_series import BY_CHANCE, EACH, spikes, steadied
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
-from terrain_cli.estimation.wheel_fit.fit_data import Noise, collect
+from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, missed_share, parameters, residuals_of
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
     TOLERANCE,
+    State,
     Ways,
     accumulate,
     eliminate,
@@ -31,7 +31,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     newton,
 )
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
-from terrain_cli.estimation.wheel_fit.linearised import Problem
+from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior, with_model_error
@@ -44,21 +44,10 @@ from terrain_cli.estimation.wheel_fit.window_search import (
     search,
     settled_search,
 )
-from terrain_cli.mechanics.effect import mean_load
+from terrain_cli.mechanics.effect import Effect, Prior, mean_load
+from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.gauss_newton import State
-    from terrain_cli.estimation.wheel_fit.linearised import Equations
-    from terrain_cli.mechanics.effect import Effect, Prior
-    from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: Share of a window's samples above which it is the model that misses, and not they. Judged.
 _MOST = 0.1
@@ -153,19 +142,15 @@ def fit(
     them, even if there are none, errors hold what a model that misses the torque may be off
     (`posterior.with_model_error`).
 
-    InputError: a channel that the model needs is missing; ConfigurationError: no such parameter; UsageError:
-    values or priors without meaning; ValueError: lengths or bounds that do not fit.
+    InputError: a channel that the model needs is missing.
     """
-    data, rows = collect(model, channels, bounds, given)
+    data = collect(model, channels, bounds, given)
     if correlated and not by_differences:
-        data, kept = data.without(spikes(data))
-        data, rows = steadied(data, second), rows[kept]
+        data = steadied(data.without(spikes(data)), second)
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
-    under, windows = (mean_load(data.channels), wheel.radius), len(data.windows)
-    sought = unknowns(
-        model, fixed=fixed, priors=priors, shared=shared, local=local, windows=windows, under=under
-    )
+    under = mean_load(data.channels), wheel.radius
+    sought = unknowns(model, fixed=fixed, priors=priors, shared=shared, local=local, under=under)
     problem = Problem(
         model=model,
         wheel=wheel,
@@ -181,7 +166,7 @@ def fit(
         learner = (
             ScaledDifferences(data, ordered=correlated)
             if by_differences
-            else _likely_noise(problem, data, ordered=correlated, second=second, near=True)
+            else LikelyNoise(data, problem.unknowns, ordered=correlated, second=second, near=True)
         )
         if begun is None or begun.relative.keys() != learner.noise.relative.keys():
             problem, dof, state = _learn(problem, data, learner)
@@ -189,7 +174,7 @@ def fit(
         else:
             problem = replace(problem, noise=begun)
     if not by_differences:
-        data, rows, near = _without_wild(problem, data, rows, state)
+        data, near = _without_wild(problem, data, state)
         problem = replace(problem, robust=robust)
         likely = [replace(likely[0], problem=problem, begun=near)]
         if learner is not None:
@@ -204,21 +189,18 @@ def fit(
     filled = data.count > 0
     about = parameters((*model.soil, *local), sought, found, filled, spread)
     said = problem.predict(data, found.t, found.common, by=False, order=order)
-    residuals, prediction, rmse, left = residuals_of(data, said, rows, int(np.asarray(bounds)[-1]))
+    left, torque_rmse = residuals_of(data, said)
     result = Fit(
         model=model,
         under=under,
         n=data.count,
         **{f.name: getattr(about, f.name) for f in fields(about)},
         noise=problem.noise,
-        noise_from="residuals" if learner else "given",
         chi2=np.where(filled, found.misfit, np.nan),
         dof=np.where(filled, found.dof, np.nan),
         inflation=found.inflation,
         excess=found.excess,
-        residuals=residuals,
-        prediction=prediction,
-        rmse=rmse,
+        torque_rmse=torque_rmse,
         slow=slow_share(left, data.bounds) if correlated else np.zeros(len(data.windows)),
         moved=np.zeros(len(data.windows), dtype=bool),
         follows=np.zeros(len(data.windows), dtype=bool),
@@ -228,7 +210,7 @@ def fit(
     )
     if suspects is not None:
         # Neighbouring test points tell of no misfit that lasts.
-        share = missed_share(data, "torque", left) if correlated else np.zeros(len(data.windows))
+        share = missed_share(data, left) if correlated else np.zeros(len(data.windows))
         at = problem, data, found.t, found.common
         result = replace(
             result,
@@ -250,9 +232,11 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, se
     """
     problem = near.problem
     if 0 < data.measured.shape[1] <= FEW:
-        usual = replace(problem, noise=_likely_noise(problem, data, ordered=ordered, second=second).noise)
+        usual = replace(
+            problem, noise=LikelyNoise(data, problem.unknowns, ordered=ordered, second=second).noise
+        )
         learners = [
-            (_likely_noise(problem, data, ordered=ordered, second=second), one)
+            (LikelyNoise(data, problem.unknowns, ordered=ordered, second=second), one)
             for one in beginnings(usual, data)
         ]
         found = modes(data, ((learner, *_learn(problem, data, learner, one)) for learner, one in learners))
@@ -263,8 +247,8 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, se
         return [near]
     # Anew where the first one was lost: its end hangs on the last digit.
     certain = ended is None or bool(ended.converged.all())
-    learner = _likely_noise(
-        problem, data, ordered=ordered, second=second, begun=problem.noise if certain else None
+    learner = LikelyNoise(
+        data, problem.unknowns, ordered=ordered, second=second, begun=problem.noise if certain else None
     )
     problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
     begun = end if _of_all(end, data) else near.begun
@@ -281,19 +265,6 @@ def _mostly_lost(ended: State) -> bool:
 def _of_all(ended: State | None, data: FitData) -> bool:
     """Tell whether a search found its end in all windows."""
     return ended is not None and len(ended.t) == len(data.windows) and bool(ended.converged.all())
-
-
-def _likely_noise(
-    problem: Problem,
-    data: FitData,
-    *,
-    ordered: bool,
-    second: float,
-    near: bool = False,
-    begun: Noise | None = None,
-) -> LikelyNoise:
-    size = len(problem.unknowns.local) + len(problem.unknowns.shared)
-    return LikelyNoise(data, size, ordered=ordered, second=second, near=near, begun=begun)
 
 
 def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) -> tuple[Posterior, Mask]:
@@ -320,9 +291,7 @@ def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) 
     return found, np.concatenate(converged)
 
 
-def _without_wild(
-    problem: Problem, data: FitData, rows: Index, ended: State | None
-) -> tuple[FitData, Index, State | None]:
+def _without_wild(problem: Problem, data: FitData, ended: State | None) -> tuple[FitData, State | None]:
     """Return the samples that are not too far from a robust fit for noise, and where its search ended.
 
     `ended` is where the search of all or some windows ended as this noise was learnt, if it was.
@@ -336,8 +305,7 @@ def _without_wild(
         found = settled_search(problem, some, found, order)
     wild = wild_samples(problem, data, found, order)
     ends = found if some.measured.shape[1] < data.measured.shape[1] else None
-    data, kept = data.without(wild)
-    return data, rows[kept], ends
+    return data.without(wild), ends
 
 
 def _learn(

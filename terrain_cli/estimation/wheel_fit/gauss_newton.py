@@ -12,23 +12,16 @@ unknown, and the others move along as they are correlated with it (Johnson, Kotz
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.wheel_fit.linearised import equations
-from terrain_cli.estimation.wheel_fit.normal_equations import arrow, posterior_covariance
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
-    from terrain_cli.estimation.wheel_fit.normal_equations import Eliminated
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
+from terrain_cli.estimation.wheel_fit.fit_data import FitData
+from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem, equations
+from terrain_cli.estimation.wheel_fit.normal_equations import Eliminated, arrow, posterior_covariance
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 ITERATIONS = 40
 #: A step this small, in posterior standard deviations, is the last one.

@@ -18,27 +18,19 @@ likelihood then counts for so much less beside the prior. The true values of the
 fit (`linearised`), so that a load that really varies from sample to sample does not pass for noise.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
 from terrain_cli.estimation.wheel_fit.channel_series import NORMAL_MEDIAN, LargestNoise
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, memory
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, CHANNELS, Noise, level
-from terrain_cli.estimation.wheel_fit.linearised import solve_lower
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, CHANNELS, FitData, Noise, level
+from terrain_cli.estimation.wheel_fit.linearised import Equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.linearised import Equations
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
-
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
 #: What is assumed of a channel of which nothing else is known.
 USUAL = 0.03
@@ -206,7 +198,7 @@ class LikelyNoise:
     def __init__(
         self,
         data: FitData,
-        size: int,
+        sought: Unknowns,
         *,
         ordered: bool,
         second: float,
@@ -215,8 +207,8 @@ class LikelyNoise:
     ) -> None:
         """Begin with what is usual, or with what was `begun`: learnt from other samples of these sensors.
 
-        `size` is the number of own and shared unknowns of a window; `ordered` says that samples follow each
-        other in time, so many in a `second`, and `near` that nearly right is enough.
+        `ordered` says that samples follow each other in time, so many in a `second`, and `near` that nearly
+        right is enough.
         """
         self._ordered = ordered
         self.rounds, self.samples, self._last_step = _NEAR if near else _WHOLE
@@ -238,7 +230,7 @@ class LikelyNoise:
             for name in names
             if ordered
         }
-        self._size, self._steps = size, np.zeros(len(self._prior.terms))
+        self._size, self._steps = len(sought.local) + len(sought.shared), np.zeros(len(self._prior.terms))
         self._known, self._last = inverse(self._prior.precision), np.zeros(len(self._steps))
         self._share = 1.0
         if begun is not None:

@@ -11,24 +11,16 @@ a line fitted to noisy abscissae. It is orthogonal distance regression (Boggs & 
 in the structure of Fuller, Measurement Error Models, 1987, section 3.2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, FitData, Noise
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.wheel_model import predict
-
-if TYPE_CHECKING:
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry, predict
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Part of an output's size that its error has at least: keeps S positive where noise is said to be none.
 _LEAST = 1e-8

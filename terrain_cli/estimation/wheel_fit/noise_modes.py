@@ -6,28 +6,20 @@ where it begins. The posterior is then a mixture of normal distributions, one ab
 approximation at each: Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 13.3).
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.wheel_fit import damped_search
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
+from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise
+from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
+from terrain_cli.estimation.wheel_fit.posterior import Posterior
 from terrain_cli.estimation.wheel_fit.window_search import ENOUGH, enough_nodes, settled_search
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
-    from terrain_cli.estimation.wheel_fit.gauss_newton import State
-    from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise
-    from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
-    from terrain_cli.estimation.wheel_fit.posterior import Posterior
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples of all windows together up to which noise and soil are sought from several beginnings. Of the
 #: six points of Ding et al. 2011, on a soil of some 32°, one beginning says 21.9 ± 4.0°, and all say
@@ -128,7 +120,7 @@ def mixed(parts: Sequence[Posterior], likely: Sequence[Learnt]) -> Posterior:
 
 
 def widened(
-    problem: Problem, data: FitData, found: Posterior, others: Iterable[tuple[Noise, Noise]]
+    problem: Problem, data: FitData, found: Posterior, others: Sequence[tuple[Noise, Noise]]
 ) -> Posterior:
     """Add what a standard error of the noise does to the unknowns to their covariance.
 
@@ -136,6 +128,8 @@ def widened(
     the unknowns do not follow the noise in proportion (the sigma points of Julier & Uhlmann 1997). It does
     nearly the same with some of the samples as with all. In the end no less is known than beforehand.
     """
+    if not others:
+        return found
     order = enough_nodes(problem.noise, data)
     some = data.thinned(ENOUGH)
     begun = settled_search(problem, some, initial(some, found.t, found.common), order)

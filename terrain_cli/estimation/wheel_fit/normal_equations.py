@@ -14,19 +14,13 @@ the Schur complement. S⁻¹ is their covariance; that of x is A⁻¹ + G S⁻¹
 Of shapes, w counts windows, p own and q shared unknowns, n samples of k channels.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: How far rounding may take a variance above that of the prior, as a share.
 _ROUNDING = 1e-6

@@ -16,17 +16,18 @@ samples of each window are enough for them.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import student
 from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, FitData
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
     Normal,
+    State,
     accumulate,
     eliminate,
     inside,
@@ -35,23 +36,15 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     square_root,
     truncate,
 )
-from terrain_cli.estimation.wheel_fit.linearised import Equations, equations, solve_lower
+from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem, equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import (
     covariance,
     inverse,
     no_wider,
     posterior_covariance,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.gauss_newton import State
-    from terrain_cli.estimation.wheel_fit.linearised import Problem
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Samples of each window, and nodes on each arc, for the corrections. To the mean of a shared
 #: unknown every window adds in the same direction: more samples, lest their errors add up too.

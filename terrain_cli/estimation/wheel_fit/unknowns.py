@@ -4,25 +4,16 @@ Positive parameters are sought by their logarithm. Every unknown is counted from
 prior standard deviations, so that all are numbers of order one and the prior's information is 1.
 """
 
-from __future__ import annotations
-
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from terrain_cli.errors import ConfigurationError, UsageError
 from terrain_cli.mechanics.effect import Parameter, Prior
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import SOIL_BOUNDS
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Sought by their logarithm.
 POSITIVE = frozenset({"shear_modulus", "stiffness"})
@@ -101,28 +92,16 @@ def unknowns(
     priors: Mapping[str, Prior] | None,
     shared: Collection[str],
     local: Collection[str] = (),
-    windows: int,
     under: tuple[float, float] = (0.0, 0.0),
 ) -> Unknowns:
     """Sort the parameters of a model into those sought and those held (`fixed`).
 
     Parameters of the soil that are `shared`, and those of effects but for `local` ones, have one value for
-    all windows. Their sizes are those `under` a load, N, on a wheel of a radius, m. ConfigurationError: no
-    such name, or a prior without width; UsageError: a fixed value that is none.
+    all windows. Their sizes are those `under` a load, N, on a wheel of a radius, m.
     """
     fixed, priors = fixed or {}, priors or {}
     known = (*model.soil, *model.parameters)
-    for name in (*fixed, *priors, *shared, *local):
-        if name not in known:
-            raise ConfigurationError(
-                f"the model has no parameter {name!r}", hint=f"it has {', '.join(known)}"
-            )
     held = {name: np.asarray(value, dtype=float) for name, value in fixed.items()}
-    for name, value in held.items():
-        if value.shape not in ((), (windows,)) or not np.isfinite(value).all():
-            raise UsageError(f"fixed {name}: one finite number, or one for each of {windows} windows")
-        if name in POSITIVE and np.any(value <= 0.0):
-            raise UsageError(f"fixed {name} must be positive")
     sought = [unknown(model, name, priors.get(name), under) for name in known if name not in held]
     common = {*shared, *model.parameters} - {*local}
     return Unknowns(
@@ -144,11 +123,6 @@ def unknown(
         ends = SOIL_BOUNDS[name]
         lower, upper = (float(np.log(end)) for end in ends) if logarithm else ends
         step = _STEPS[name]
-    if not (0.0 < prior.sd < np.inf and np.isfinite(prior.mean)) or (logarithm and prior.mean <= 0.0):
-        raise ConfigurationError(
-            f"prior of {name}: mean {prior.mean:g}, standard deviation {prior.sd:g}",
-            hint="the deviation is positive; a value known exactly is fixed instead",
-        )
     mean, sd = prior.of_logarithm() if logarithm else (prior.mean, prior.sd)
     return Unknown(
         name=name,

@@ -6,30 +6,23 @@ the true loads, sinkages and slips that go with it: the expected deviance (the A
 bends nothing.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander2d
 
 from terrain_cli.estimation import joint_grid
+from terrain_cli.estimation.joint_grid import Frame, JointGrid, Shape
 from terrain_cli.estimation.wheel_fit.damped_search import descend
+from terrain_cli.estimation.wheel_fit.fit_data import FitData
+from terrain_cli.estimation.wheel_fit.fit_result import Parameters
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, initial, inside
+from terrain_cli.estimation.wheel_fit.linearised import Problem
+from terrain_cli.estimation.wheel_fit.posterior import Posterior
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 from terrain_cli.mechanics.dual import value
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from terrain_cli.estimation.joint_grid import Frame, JointGrid, Shape
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.fit_result import Parameters
-    from terrain_cli.estimation.wheel_fit.linearised import Problem
-    from terrain_cli.estimation.wheel_fit.posterior import Posterior
-    from terrain_cli.vocabulary.arrays import Array
-
+from terrain_cli.vocabulary.arrays import Array
 
 #: Samples of a window that are asked, points along each side at which, and steps of each search. Twice of
 #: each, or two degrees more, change the deviations over the grids of sample_data by less than 0.5 %; by 2 %

@@ -6,10 +6,8 @@ priors alone), the noise of that window is taken to be as large as its residuals
 priors then weigh as much as they know more, and what the data cannot tell stays within what soils are.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import damped_search
 from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, FitData, Noise
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
     ITERATIONS,
     State,
@@ -27,17 +25,11 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     inside,
     solve,
 )
+from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
-    from terrain_cli.estimation.wheel_fit.linearised import Problem
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Samples of each window, and steps, that tell which beginning is best.
 _TRIED, _ROUGHLY = 12, 6
