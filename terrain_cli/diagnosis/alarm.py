@@ -76,7 +76,7 @@ def of_unscored(
     if not forms:
         return 1.0, None
     data, base = fitted()
-    told = [(of_gain(base.loss - refits.refit(data, form).loss), form) for form in forms]
+    told = [(of_gain_in_most(base.loss - refits.refit(data, form).loss), form) for form in forms]
     p_value, best = min(told, key=lambda one: one[0])
     return min(len(forms) * p_value, 1.0), best
 
@@ -99,7 +99,7 @@ def _late(wheels: Sequence[FittedWheel], block: Sequence[Index]) -> float:
             follows = np.nan_to_num(residual[step:-step] * change)[near]
             _, place = np.unique(own[step:-step][near], return_inverse=True)
             sums = np.asarray(np.bincount(place, follows), dtype=float)
-            p_values.append(2.0 * min(of_gain(sums), of_gain(-sums)))
+            p_values.append(2.0 * min(of_gain_in_most(sums), of_gain_in_most(-sums)))
     return min((len(p_values) * one for one in p_values), default=1.0)
 
 
