@@ -46,7 +46,9 @@ def stands(angular_velocity: Array) -> Mask:
     speed = np.abs(angular_velocity)
     known = speed[np.isfinite(speed)]
     slow = speed <= _SLOW * (np.quantile(known, _TYPICAL) if len(known) else 0.0)
-    jitter = np.diff(angular_velocity, 2)[slow[2:] & slow[1:-1] & slow[:-2]]
+    with np.errstate(invalid="ignore"):
+        # Of what is infinite there is no difference, and it is not slow.
+        jitter = np.diff(angular_velocity, 2)[slow[2:] & slow[1:-1] & slow[:-2]]
     # White noise σ makes second differences of 1.65 σ in the median.
     limit = _NOISE * float(np.median(np.abs(jitter))) / 1.65 if len(jitter) else 0.0
     return np.asarray((speed <= STANDING) | (slow & (speed <= limit)))

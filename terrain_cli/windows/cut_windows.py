@@ -216,7 +216,8 @@ def cut(
         # What the line of a soil may seem to follow where the model lacks an effect.
         followed = [samples.channels[name][index][lined_up] for name in FOLLOWED if name in samples.channels]
         followed += [turn[:, lined_up] for turn in _turns(samples, index, stretch)]
-        wheel = tuple(samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip"))
+        load, sinkage = (samples.channels[name][index][lined_up] for name in ("load", "sinkage"))
+        wheel = load, sinkage, slip[lined_up]
         lines = x[lined_up], y[lined_up]
         changes = change_points(*lines, breaks=own, before=before, **limits)
         changes = needed(*lines, followed, changes, own)
