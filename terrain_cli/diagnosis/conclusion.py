@@ -389,9 +389,9 @@ def _record(found: Evidence, *, few: bool) -> str:
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
     told = f"The soil may vary, or the model lacks something. {again}: "
     told += "if the misfit changes, it is the soil; if it returns, the model."
-    if [*above_noise(found.ratios)] == ["drawbar pull"] and len(found.ratios) > 1:
-        others = listed([name for name in found.ratios if name != "drawbar pull"])
-        told = f"As {others} fit, look for what acts on the pull alone: a slope, a tether or its sensor."
+    if found.fit_beside_pull:
+        fit = listed(found.fit_beside_pull)
+        told = f"As {fit} fit, look for what acts on the pull alone: a slope, a tether or its sensor."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

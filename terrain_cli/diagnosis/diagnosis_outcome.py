@@ -288,6 +288,18 @@ class Evidence:
         """Whether an error is larger than noise."""
         return bool(above_noise(self.ratios))
 
+    @property
+    def fit_beside_pull(self) -> list[str]:
+        """The other channels, where the drawbar pull alone is missed.
+
+        Of a misfit that they share in part, as where a torque is cut off, the pull may only show most.
+        """
+        most = criteria.DRAFT_LEFT * (self.ratios.get("drawbar pull", math.nan) - 1.0)
+        others = {name: ratio for name, ratio in self.ratios.items() if name != "drawbar pull"}
+        alone = [*above_noise(self.ratios)] == ["drawbar pull"]
+        alone = alone and all(ratio - 1.0 <= most for ratio in others.values())
+        return [*others] if alone else []
+
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:

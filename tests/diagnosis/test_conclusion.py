@@ -508,6 +508,9 @@ def test_where_the_pull_alone_is_off_it_is_not_the_soil():
     ratios = {"torque": 1.0, "drawbar pull": 21.0, "sinkage": 1.02}
     told = conclude(evidence(ratios, verdict="none"), ASKED).sentence
     assert "As torque and sinkage fit, look for what acts on the pull alone: a slope, a tether or" in told
+    # A torque that is cut off, or a soil that changes, shows most in the pull too.
+    shared = {"torque": 1.1, "drawbar pull": 1.2, "sinkage": 1.02}
+    assert "on the pull alone" not in conclude(evidence(shared, verdict="none"), ASKED).sentence
     assert "soil" not in told
     # Alone it tells nothing of what else fits.
     assert AGAIN in conclude(evidence({"drawbar pull": 21.0}, verdict="none"), ASKED).sentence
