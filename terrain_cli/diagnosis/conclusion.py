@@ -139,7 +139,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
     """Return the conclusion of some evidence; the same for the same, whichever verb collected it."""
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
-    above = above_noise(known)
+    above = found.above
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     doubtful = _doubtful(found, asked) if above or found.raised else None
     if doubtful or (found.raised and not few and not _refused(found)):
@@ -180,7 +180,7 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
         told = f"The model may miss something: {_at_most(known)}, but only {soils}: fewer may do with "
         return Conclusion("explained", f"{told}{found.instead}. Next: {command}", command)
     told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
-    told += ", and no effect stands out."
+    told += f"{', as chance gives in so few points' * bool(above_noise(known))}, and no effect stands out."
     if found.changes:
         needed = ", and no effect predicts as well with fewer soils" * found.needed
         told += f" The soil changes at {_places(found)}{needed}."
