@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 #: kept of one at least.
 _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
 
-#: Samples on either side that tell whether a wheel drives.
+#: Samples on either side that tell whether a wheel drives. On 18 wheels both 5 and 16 remove all ten cuts
+#: within one soil where wheels roll freely; 16 leaves three more where slip changes fast.
 _NEAR = 5
 
 #: What every verb reads of a log, and what effects follow: without them a soil would seem to change with it.
@@ -205,27 +206,37 @@ def cut(
             len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
         )
     elif method == "auto":
-        driving = np.flatnonzero(on_average)
-        lined_up = which(driving, len(rows))
-        own = breaks if len(driving) == len(rows) else np.flatnonzero(np.diff(stretch[lined_up])) + 1
-        limits: dict[str, Any] = {
-            "distance": None if distance is None else distance[lined_up],
+        seen = np.flatnonzero((slip >= 0.0) | on_average)
+        shortest = {
             "min_samples": CUT_SAMPLES if min_samples is None else min_samples,
             "min_distance": MIN_DISTANCE if window_distance is None else window_distance,
         }
+
+        def known(
+            chosen: Index,
+        ) -> tuple[Index | slice, Index, tuple[Array, Array], tuple[Array, Array, Array], Any]:
+            at = which(chosen, len(rows))
+            own = breaks if len(chosen) == len(rows) else np.flatnonzero(np.diff(stretch[at])) + 1
+            load, sinkage = (samples.channels[name][index][at] for name in ("load", "sinkage"))
+            limits = {**shortest, "distance": None if distance is None else distance[at]}
+            return at, own, (x[at], y[at]), (load, sinkage, slip[at]), limits
+
+        driving = np.flatnonzero(on_average)
+        at, own, lines, wheel, limits = known(driving)
         # What the line of a soil may seem to follow where the model lacks an effect.
-        followed = [samples.channels[name][index][lined_up] for name in FOLLOWED if name in samples.channels]
-        followed += [turn[:, lined_up] for turn in _turns(samples, index, stretch)]
-        load, sinkage = (samples.channels[name][index][lined_up] for name in ("load", "sinkage"))
-        wheel = load, sinkage, slip[lined_up]
-        lines = x[lined_up], y[lined_up]
+        followed = [samples.channels[name][index][at] for name in FOLLOWED if name in samples.channels]
+        followed += [turn[:, at] for turn in _turns(samples, index, stretch)]
         changes = change_points(*lines, breaks=own, before=before, **limits)
         changes = needed(*lines, followed, changes, own)
         changes = sinkage_changes(*wheel, followed, changes, before=before, **limits)
+        inner = driving[np.setdiff1d(changes[1:-1], own, assume_unique=True)]
+        # Where soils meet under a wheel that rolls freely, the few samples on the line still tell where.
+        _, own, lines, wheel, limits = known(seen)
+        changes = whole_windows(len(seen), breaks=np.concatenate([own, np.searchsorted(seen, inner)]))
         changes = placed(lines, wheel, changes, own, **limits)
         # A wheel that skids between two soils belongs to the first: no line tells.
         inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
-        bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
+        bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, seen[inner]]))
     else:
         bounds = whole_windows(len(rows), breaks=breaks)
     x[slip < 0.0] = y[slip < 0.0] = np.nan
