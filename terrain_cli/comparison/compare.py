@@ -178,7 +178,7 @@ def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> I
             yield (
                 f"{called} gives a {what} of {min(wrong) * factor:.2g}{unit} in {len(wrong)} of "
                 f"{counted(len(soils), 'soil')}, which is physically impossible: {missing}, "
-                "or load, torque or sinkage is measured wrongly"
+                "or load, torque or sinkage is measured wrongly or with too much noise"
             )
 
 

@@ -136,7 +136,7 @@ def _calibrated(record: RecordedWheel, name: str, column: Array) -> Array:
 
 
 def _felt(record: RecordedWheel) -> float:
-    """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part."""
+    """Return the variance of the load, in N², that slip, sinkage or torque goes with: noise has no part."""
     return max(_answered(record, name, growth) for name, growth in _ANSWERS.items())
 
 
@@ -163,7 +163,8 @@ def _answered(record: RecordedWheel, name: str, growth: float) -> float:
         return 0.0
     share = float(np.mean(own * other)) / max(abs(float(np.mean(answer[known]))), 1e-300)
     felt = share * float(np.mean(load[known])) / growth
-    return float(np.clip(felt, 0.0, np.var(own)))
+    # Noise of the load cell does not follow slip: what does is true, as where hills shift the load.
+    return float(np.var(load[known]) - np.var(own) + np.clip(felt, 0.0, np.var(own)))
 
 
 def best_gaps(most: int, misfit: Callable[[Mapping[str, int]], Array]) -> dict[str, int]:

@@ -135,7 +135,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
     """Return the conclusion of some evidence; the same for the same, whichever verb collected it."""
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
-    above = above_noise(known)
+    above = found.above
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     doubtful = _doubtful(found, asked) if above or found.raised else None
     if doubtful or (found.raised and not few and not _refused(found)):
@@ -176,7 +176,8 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
         told = f"The model may miss something: {_at_most(known)}, but only {soils}; fewer may be enough with "
         return Conclusion("explained", f"{told}{found.instead}. Next: {command}", command)
     told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
-    told += ", and the data show no missing effect."
+    by_chance = ", as chance gives in so few points" * bool(above_noise(known))
+    told += f"{by_chance}, and the data show no missing effect."
     if found.changes:
         needed = ", and no effect predicts as well with fewer soils" * found.needed
         told += f" The soil changes at {_places(found)}{needed}."
@@ -380,9 +381,9 @@ def _record(found: Evidence, *, few: bool) -> str:
     # On the same track the soil would vary as it did.
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
     told = f"{again}: if the misfit changes, the soil varies; if it returns, the model lacks something."
-    if [*above_noise(found.ratios)] == ["drawbar pull"] and len(found.ratios) > 1:
-        others = listed([name for name in found.ratios if name != "drawbar pull"])
-        told = f"As {others} fit, look for what acts on the pull alone: a slope, a tether or its sensor."
+    if found.fit_beside_pull:
+        fit = listed(found.fit_beside_pull)
+        told = f"As {fit} fit, look for what acts on the pull alone: a slope, a tether or its sensor."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

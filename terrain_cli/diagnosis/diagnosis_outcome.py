@@ -294,9 +294,28 @@ class Evidence:
     noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
 
     @property
+    def above(self) -> dict[str, float]:
+        """The ratios that are more than those of noise, and of test points than chance gives."""
+        # B pairs of points tell an error with a relative variance of 1/(4 B), and their noise with 1/(2 B).
+        chance = math.exp(criteria.BETTER * math.sqrt(0.75 / max(self.blocks, 1))) if self.points else 1.0
+        return above_noise({name: ratio for name, ratio in self.ratios.items() if ratio > chance})
+
+    @property
     def misses(self) -> bool:
         """Whether an error is larger than noise."""
-        return bool(above_noise(self.ratios))
+        return bool(self.above)
+
+    @property
+    def fit_beside_pull(self) -> list[str]:
+        """The other channels, where the drawbar pull alone is missed.
+
+        Of a misfit that they share in part, as where a torque is cut off, the pull may only show most.
+        """
+        most = criteria.DRAFT_LEFT * (self.ratios.get("drawbar pull", math.nan) - 1.0)
+        others = {name: ratio for name, ratio in self.ratios.items() if name != "drawbar pull"}
+        alone = [*self.above] == ["drawbar pull"]
+        alone = alone and all(ratio - 1.0 <= most for ratio in others.values())
+        return [*others] if alone else []
 
 
 @dataclass(frozen=True, kw_only=True)

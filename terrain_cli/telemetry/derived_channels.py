@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 
 #: rad/s. Below it a wheel stands, whatever its encoder's last digit does.
 STANDING = 1e-3
+#: A wheel that is faster than this share of a speed that it seldom exceeds drives, however noisy its encoder
+#: is; that speed is a quantile, on which no spike has weight. Judged.
+_SLOW, _TYPICAL = 0.1, 0.9
+#: Standard deviations that no sample of a standing wheel exceeds: one of 16,000 of normal noise.
+_NOISE = 4.0
 _BLOCK = 8192
 
 
@@ -34,6 +39,19 @@ def slip(angular_velocity: Array, velocity: Array, radius: float) -> Array:
     turning = np.where(np.abs(angular_velocity) > STANDING, angular_velocity, np.nan)
     ratio = velocity / (radius * turning)
     return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
+
+
+def stands(angular_velocity: Array) -> Mask:
+    """Tell where a wheel stands: where ω (rad/s) is not told from 0 by the noise that it has when slow."""
+    speed = np.abs(angular_velocity)
+    known = speed[np.isfinite(speed)]
+    slow = speed <= _SLOW * (np.quantile(known, _TYPICAL) if len(known) else 0.0)
+    with np.errstate(invalid="ignore"):
+        # Of what is infinite there is no difference, and it is not slow.
+        jitter = np.diff(angular_velocity, 2)[slow[2:] & slow[1:-1] & slow[:-2]]
+    # White noise σ makes second differences of 1.65 σ in the median.
+    limit = _NOISE * float(np.median(np.abs(jitter))) / 1.65 if len(jitter) else 0.0
+    return np.asarray((speed <= STANDING) | (slow & (speed <= limit)))
 
 
 def velocity(angular_velocity: Array, slip: Array, radius: float) -> Array:

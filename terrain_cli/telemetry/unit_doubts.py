@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import rover_advice
-from terrain_cli.telemetry.derived_channels import STANDING
+from terrain_cli.telemetry.derived_channels import stands
 from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -72,7 +72,7 @@ class UnitEvidence:
             self.interval = float(np.median(steps)) if len(steps) else np.nan
         self._add_track(part)
         omega = channels.get("angular_velocity")
-        turning = np.full(len(part), fill_value=True) if omega is None else ~(np.abs(omega) <= STANDING)
+        turning = np.full(len(part), fill_value=True) if omega is None else ~stands(omega)
         rows = np.flatnonzero(turning)
         self.count += len(rows)
         for name, values in channels.items():

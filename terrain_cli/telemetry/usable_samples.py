@@ -13,7 +13,7 @@ import numpy as np
 from formats import Column, Labels
 from terrain_cli.errors import UsageError
 from terrain_cli.telemetry.alignment import RESOLUTION, split_clock, stretch_gap
-from terrain_cli.telemetry.derived_channels import STANDING
+from terrain_cli.telemetry.derived_channels import stands
 from terrain_cli.telemetry.wheel_samples import NEEDED
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ def _unusable(
             continue
         # A standing wheel has no slip, and is better told as that.
         if name == "slip" and omega is not None:
-            yield STANDS, np.abs(omega) <= STANDING
+            yield STANDS, stands(omega)
         odd = ~np.isfinite(channels[name])
         if odd.any():
             yield f"no {name}", np.isnan(channels[name])

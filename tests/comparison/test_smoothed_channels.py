@@ -79,6 +79,22 @@ def test_what_the_conditions_cause_is_kept():
     assert np.std(from_conditions(PULL, CHANNELS, WINDOW) - PULL) < 0.05 * np.std(PULL)
 
 
+def test_a_load_that_goes_with_slip_is_kept():
+    rng, time = np.random.default_rng(79_935_901), np.arange(2_000.0)
+    slip = 0.35 + 0.3 * np.sin(time / 60.0) + 0.1 * np.sin(time / 23.0)
+    # On a hill the front wheels slip more, and carry less.
+    load = 600.0 - 400.0 * slip + 20.0 * np.sin(time / 31.0)
+    columns = {
+        "load": load + 10.0 * rng.standard_normal(2_000),
+        "slip": slip,
+        "sinkage": 0.01 * (load / 600.0) ** 0.75 * (1.0 + slip),
+        "torque": 0.1 * load * (1.0 - np.exp(-slip / 0.1)),
+    }
+    record = smoothed_channels.RecordedWheel(columns, np.zeros(2_000, int), np.zeros(2_000, int))
+    found, _ = smoothed_channels.without_noise(record, columns, load_tells_sinkage=True)
+    assert np.sqrt(np.mean((found["load"] - load) ** 2)) < 10.0
+
+
 @pytest.mark.parametrize(("memory", "through"), [(0.0, 0.05), (0.8, 0.3)])
 def test_noise_is_not(memory, through):
     """Some twenty numbers are fitted to a window; of lasting noise nine times as much gets by them."""

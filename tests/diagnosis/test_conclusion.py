@@ -501,11 +501,24 @@ def test_what_a_finding_tracks_was_recorded_though_no_effect_explains_it():
     assert told.startswith(f"{UNFIT}the residuals are systematic, but no effect explains them significantly.")
 
 
+@pytest.mark.parametrize(("blocks", "state"), [(20, "fits"), (400, "unexplained")])
+def test_few_test_points_have_larger_errors_by_chance(blocks, state):
+    """The noise of 20 pairs is known by 16 %, and the error by 11 %."""
+    ratios = {"torque": 1.0, "drawbar pull": 1.3, "sinkage": 1.02}
+    told = conclude(evidence(ratios, points=True, blocks=blocks), ASKED)
+    assert told.state == state
+    assert ("(in drawbar pull), as chance gives in so few points" in told.sentence) == (state == "fits")
+    assert conclude(evidence(ratios, blocks=blocks), ASKED).state == "unexplained"
+
+
 def test_where_the_pull_alone_is_off_it_is_not_the_soil():
     """Another soil would show in torque or sinkage too."""
     ratios = {"torque": 1.0, "drawbar pull": 21.0, "sinkage": 1.02}
     told = conclude(evidence(ratios, verdict="none"), ASKED).sentence
     assert "As torque and sinkage fit, look for what acts on the pull alone: a slope, a tether or" in told
+    # A torque that is cut off, or a soil that changes, shows most in the pull too.
+    shared = {"torque": 1.1, "drawbar pull": 1.2, "sinkage": 1.02}
+    assert "on the pull alone" not in conclude(evidence(shared, verdict="none"), ASKED).sentence
     assert "soil" not in told
     # Alone it tells nothing of what else fits.
     assert AGAIN in conclude(evidence({"drawbar pull": 21.0}, verdict="none"), ASKED).sentence

@@ -85,6 +85,19 @@ def test_torque_from_current(current, temperature, omega, expected):
     assert torque == pytest.approx([expected], rel=1e-12, abs=1e-15, nan_ok=True)
 
 
+def test_a_wheel_stands_where_its_speed_is_noise():
+    rng = np.random.default_rng(79_935_900)
+    there = np.repeat([0.0, 2.0, 0.0, 2.0], 200)
+    noisy = there + 0.01 * rng.standard_normal(len(there))
+    assert np.array_equal(derived_channels.stands(noisy), there == 0.0)
+    spiked = np.where(np.arange(len(there)) == 300, 65_535.0, noisy)
+    assert np.array_equal(derived_channels.stands(spiked), there == 0.0)
+    # One that creeps is told from 0, and so is one with a coarse encoder that drives all the time.
+    creeping = np.repeat([0.05, 2.0], 200)
+    assert not derived_channels.stands(creeping + 0.005 * rng.standard_normal(400)).any()
+    assert not derived_channels.stands(2.0 + 0.6 * rng.standard_normal(400)).any()
+
+
 def test_torque_of_a_bare_motor_is_its_constant_times_the_current():
     np.testing.assert_allclose(
         derived_channels.torque_from_current(

@@ -92,6 +92,16 @@ def test_changes_of_soil_are_found_within_a_second(model):
     assert false <= 0.05 * (found + missed)
 
 
+def test_a_wheel_that_rolls_freely_is_on_no_other_soil():
+    """Downhill a wheel skids a little: noise makes every sixth slip positive."""
+    slip = steps([(0.12, 60.0), (-0.015, 30.0), (0.2, 60.0)])
+    load = undulation(80.0, 0.2, 7.0, seed=3)
+    wheel, _ = samples_of(one_wheel([(DRY_SAND, 150.0)], load=load, slip=slip, noise=0.02, rate=10.0, seed=1))
+    noise = 0.015 * np.random.default_rng(79_935_902).standard_normal(len(wheel))
+    noisy = replace(wheel, channels={**wheel.channels, "slip": wheel.channels["slip"] + noise})
+    assert len(cuts(noisy)) == 0
+
+
 def test_two_soils_as_strong_are_told_by_their_sinkage():
     """Sandy loam is as strong as dry sand under this wheel, and the wheel sinks half as deep."""
     drive = one_wheel(
