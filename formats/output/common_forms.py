@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Values: TypeAlias = "NDArray[Any] | Labels | Sequence[str | None] | Sequence[float | None]"
 #: What a GIS shows as the name of the layer.
 LAYER = "segments"
+WKT = "WKT"  # The column that holds the geometry
 _WKT = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?\(([^()]+)\)\s*", re.IGNORECASE)
 _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)
 #: Metres in a frame of their own: GDAL reads it from GeoJSON, and writes srs_id −1 for it in a GeoPackage.

@@ -66,7 +66,7 @@ class GrowingTable:
             self._wheels |= dict.fromkeys(row["wheel"])
             return
         text = io.StringIO()
-        write_text(normalise(row), text, self._kind, crs, "WKT")
+        write_text(normalise(row), text, self._kind, crs)
         # The names of the columns stand there once.
         again = self._kind == "csv" and self._begun
         assert self._stream is not None  # noqa: S101 - entered
