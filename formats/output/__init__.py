@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from formats.errors import CannotWriteError
-from formats.output.common_forms import LAYER, check_crs, normalise
+from formats.output.common_forms import LAYER, Values, check_crs, normalise
 from formats.output.text_writer import write_text
 from formats.output.whole_files import check_free, explained, opened, replacing
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from formats.output.common_forms import Values
 
 __all__ = ["check_crs", "check_free", "output_kind", "replacing", "write_parts", "write_table"]
 

@@ -6,19 +6,16 @@ import io
 import math
 import re
 import struct
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats.errors import FormatError
 from formats.table import Labels
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
 Values: TypeAlias = "NDArray[Any] | Labels | Sequence[str | None] | Sequence[float | None]"
 #: What a GIS shows as the name of the layer.

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import NDArray
 from pyogrio import get_gdal_config_option, raw, set_gdal_config_options
 from pyogrio.errors import CRSError, DataLayerError, DataSourceError, FeatureError, GeometryError
 
 from formats.errors import CannotWriteError
-from formats.output.common_forms import SITE_FRAME, WKT, is_wgs84, parse, unknown_crs
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats.output.common_forms import Table
+from formats.output.common_forms import SITE_FRAME, WKT, Table, is_wgs84, parse, unknown_crs
 
 #: Stands where a GeoPackage notes when it was changed: the time of writing would be other bytes each time.
 _NO_DATE = "1970-01-01T00:00:00.000Z"

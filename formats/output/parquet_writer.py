@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from formats.output.common_forms import WKT, parse, projjson
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from formats.output.common_forms import Table, WktShape
+from formats.output.common_forms import WKT, Table, WktShape, parse, projjson
 
 _TYPES = {"f": pa.float64(), "i": pa.int64(), "O": pa.string()}  # By the kind of their array
 GEOMETRY = "geometry"  # Of the binary geometry, which stands beside the text

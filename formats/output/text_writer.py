@@ -9,21 +9,28 @@ import io
 import json
 import math
 import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
+from typing import Any, BinaryIO, TextIO, cast
 
-from formats.output.common_forms import LAYER, SITE_FRAME, WKT, check_crs, is_wgs84, normalise, parse, urn
+from numpy.typing import NDArray
+
+from formats.output.common_forms import (
+    LAYER,
+    SITE_FRAME,
+    WKT,
+    Table,
+    Values,
+    check_crs,
+    is_wgs84,
+    normalise,
+    parse,
+    urn,
+)
 from formats.output.whole_files import replacing
 from formats.table import BATCH_ROWS
 from formats.text import guarded
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from numpy.typing import NDArray
-
-    from formats.output.common_forms import Table, Values
 
 #: What stands before each feature: the record separator of RFC 8142, or nothing.
 _SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}

@@ -9,25 +9,20 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
+from numpy.typing import NDArray
 
-from formats.table import Labels
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats.content import TextStream
-    from formats.table import Kind
+from formats.content import TextStream
+from formats.table import Kind, Labels
 
 #: What stands for "no value", in lower case.
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none", "<na>", "nat"})

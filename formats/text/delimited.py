@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
+from numpy.typing import NDArray
 
 from formats.content import SalvagedText, TextStream
 from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
-from formats.table import BATCH_ROWS, Field, Source, Stream
+from formats.table import BATCH_ROWS, Batch, Column, Field, Kind, Source, Stream
 from formats.text import cell_values, unguarded
 from formats.text.cell_values import Names, floats, kind_of, numbers, times
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats.table import Batch, Column, Kind
-
-    #: The numbers of some rows, and the cells of each column.
-    _Rows = tuple[NDArray[np.int64], list[pa.Array]]
+#: The numbers of some rows, and the cells of each column.
+_Rows = tuple[NDArray[np.int64], list[pa.Array]]
 _HEAD_BYTES = 1 << 18  # Read to tell delimiter, decimal sign and kinds
 _LOOK_AHEAD_BYTES = 1 << 28  # How far to look for the first value of a column that is empty there
 #: Parsed at once: a larger block falls out of the processor's cache and is slower.

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import formats
+from formats import Column, Source, Stream
 from formats.content import FILE_KINDS
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.presentation.terminal import aligned
+from terrain_cli.rover import Rover
 from terrain_cli.rover.vehicle import FILE_NAME
 from terrain_cli.telemetry import bags, rover_advice, topic_discovery
 from terrain_cli.telemetry.alignment import seconds
@@ -20,18 +24,10 @@ from terrain_cli.telemetry.assembly import Request, assemble, lacking, wheel_of
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.raw_columns import read_topics, stamps
+from terrain_cli.telemetry.wheel_samples import Plan, Raw
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats import Column, Source, Stream
-    from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.wheel_samples import Plan, Raw
-    from terrain_cli.vocabulary.arrays import Array
 
 FORMAT = "terrain-est/inspection/1"
 #: Positions need more digits than measurements.

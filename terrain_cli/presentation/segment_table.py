@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence, Sized
 from itertools import chain
 from sys import intern
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.estimation import WindowEstimates, assumed
-from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
+from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import the_wheel
+from terrain_cli.windows.cut_windows import Windows
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence, Sized
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
-    from terrain_cli.telemetry.wheel_samples import Samples
-    from terrain_cli.vocabulary.arrays import Array, Index
-    from terrain_cli.windows.cut_windows import Windows
-
-    Table = dict[str, Any]
+Table = dict[str, Any]
 
 #: In this order; scripts and GIS projects are built on it.
 COLUMNS = (

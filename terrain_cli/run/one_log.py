@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import formats
 from terrain_cli import models, telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import WindowEstimates, estimators, strength
 from terrain_cli.presentation import segment_table
+from terrain_cli.rover import Rover
 from terrain_cli.run import long_log
+from terrain_cli.run.settings import Settings
+from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.unit_doubts import Doubt
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows import cut_windows, locations
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from terrain_cli.rover import Rover
-    from terrain_cli.run.settings import Settings
-    from terrain_cli.telemetry import Samples
-
-    Progress = Callable[[str, str, float], None]  # Path, step and share of it that is done
+Progress = Callable[[str, str, float], None]  # Path, step and share of it that is done
 
 
 @dataclass(kw_only=True)

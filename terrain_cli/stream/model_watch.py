@@ -9,24 +9,20 @@ follows from the rate of false alarms (Siegmund 1985, Sequential Analysis).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from terrain_cli.comparison import prediction
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
+from terrain_cli.models import ModelFile
+from terrain_cli.telemetry import Samples
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows import cut_windows
 from terrain_cli.windows.running_moments import correlation_factor
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.models import ModelFile
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: False alarms of a wheel in an hour, all its channels together; benchmarks/watch_study.py counts them.
 FALSE_ALARMS = 0.01

@@ -8,17 +8,12 @@ positive nose up and roll is positive left side up; the body is taken as paralle
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.errors import ConfigurationError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.rover.vehicle import Motor, Vehicle
-    from terrain_cli.vocabulary.arrays import Array, Mask
+from terrain_cli.rover.vehicle import Motor, Vehicle
+from terrain_cli.vocabulary.arrays import Array, Mask
 
 #: rad/s. Below it a wheel stands, whatever its encoder's last digit does.
 STANDING = 1e-3

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -12,13 +13,9 @@ from terrain_cli.telemetry import rover_advice
 from terrain_cli.telemetry.derived_channels import STANDING
 from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples that are kept: the 5th and 95th percentile of so many are known to a hundredth of a deviation.
 MOST = 1 << 14

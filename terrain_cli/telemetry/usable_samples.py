@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import operator
 import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +16,7 @@ from terrain_cli.errors import UsageError
 from terrain_cli.telemetry.alignment import RESOLUTION, split_clock, stretch_gap
 from terrain_cli.telemetry.derived_channels import STANDING
 from terrain_cli.telemetry.wheel_samples import NEEDED
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq,

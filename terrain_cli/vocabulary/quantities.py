@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 #: SI unit → the unit shown, and the factor from one to the other.
 _SHOWN = {

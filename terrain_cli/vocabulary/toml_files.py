@@ -13,12 +13,10 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from datetime import date, time
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from terrain_cli.errors import ConfigurationError, nearest
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Rule = Callable[[Any, str], Any]
 

@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.path import Path
 from matplotlib.transforms import Bbox
+from numpy.typing import ArrayLike
 
 from terrain_cli.presentation.segment_table import GRID
 from terrain_cli.views import shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS, SCALE
 from terrain_cli.views.figures.drive_figures import Picture, panels
 from terrain_cli.views.shown_samples import limits as limits_of
+from terrain_cli.views.shown_segments import Moment
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import MOST_VALLEYS
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.views.shown_segments import Moment
-    from terrain_cli.vocabulary.arrays import Array, Index
-
-    Posterior = Mapping[str, Any]
+Posterior = Mapping[str, Any]
 
 #: With more segments than this, errors would hide the estimates.
 MOST_ERRORS = 60

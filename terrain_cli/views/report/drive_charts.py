@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, SCALE
-from terrain_cli.views.report.page_parts import CHOSEN, Sheet, either, encoded, scale, tips
+from terrain_cli.views.report.page_parts import CHOSEN, Layer, Sheet, Spec, either, encoded, scale, tips
+from terrain_cli.views.shown_samples import Along, Pairs
+from terrain_cli.vocabulary.arrays import Array
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.views.report.page_parts import Layer, Spec
-    from terrain_cli.views.shown_samples import Along, Pairs
-    from terrain_cli.vocabulary.arrays import Array
-
-    Text = NDArray[np.str_]
+Text = NDArray[np.str_]
 
 #: Told apart in print and without colour: one for each of `COLOURS`.
 _SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "triangle-right")

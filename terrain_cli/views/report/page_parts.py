@@ -6,19 +6,16 @@ keyboard reaches it and no script stands between.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.views.chart_style import FAINT, INK
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    Spec = dict[str, Any]
+Spec = dict[str, Any]
 
 #: Marks the chosen segment in all charts at once: told apart from the groups and from the scale.
 CHOSEN = "#AA3377"

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from terrain_cli.comparison.comparison_outcome import Comparison
+from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.report import drive_charts
 from terrain_cli.views.report.page_parts import Chart, Section, Table
+from terrain_cli.views.shown_samples import Pairs
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import counted
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked
-    from terrain_cli.views.shown_samples import Pairs
-    from terrain_cli.vocabulary.arrays import Array, Index
-
-    Choices = list[tuple[str, str]]
+Choices = list[tuple[str, str]]
 
 #: Rows of the table of segments, and segments to choose from: the worst ones where there are more.
 MOST_ROWS, MOST_CHOICES = 1_000, 300
