@@ -32,8 +32,7 @@ VERBS = {
     "completion": "Print the completion script of a shell.",
 }
 
-#: New objects after which Python looks for garbage.
-_NEW_OBJECTS = 10_000
+_NEW_OBJECTS = 10_000  # New objects after which Python looks for garbage
 
 EPILOG = """\b
 Examples:

@@ -18,8 +18,7 @@ from formats.errors import FormatError
 from formats.table import Labels
 
 Values: TypeAlias = "NDArray[Any] | Labels | Sequence[str | None] | Sequence[float | None]"
-#: What a GIS shows as the name of the layer.
-LAYER = "segments"
+LAYER = "segments"  # What a GIS shows as the name of the layer
 WKT = "WKT"  # The column that holds the geometry
 _WKT = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?\(([^()]+)\)\s*", re.IGNORECASE)
 _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)

@@ -22,8 +22,7 @@ from formats.rosbag.storage.raw_messages import Messages
 from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Batch, Field, Source, Stream
 
 _ZERO = np.datetime64(0, "ns")
-#: A list with more elements is cut in what `streams` tells; any place of it can be read.
-MOST_ELEMENTS = 256
+MOST_ELEMENTS = 256  # A list with more elements is cut in what `streams` tells; any place of it can be read
 
 
 @dataclass(eq=False)

@@ -39,8 +39,7 @@ CODES = {
 #: Lists of these are images, point clouds and the like: never columns.
 BLOBS = {"byte", "char", "int8", "uint8"}
 MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
-#: What rosbags knows of itself, whatever a file says of them.
-BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
+BUILT_IN = get_typestore(Stores.EMPTY).fielddefs  # What rosbags knows of itself, whatever a file says of them
 #: rosbags takes longer to parse the definitions of a bag than it takes to read a minute of its messages, and
 #: those of the next bag are the same.
 _types_of_msg = lru_cache(256)(get_types_from_msg)

@@ -37,8 +37,7 @@ _TIME = re.compile(
 )
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NS_LIMIT = 2**63
-#: More bytes fall out of the processor's cache, fewer are not worth a thread's while.
-_PIECE_BYTES = 1 << 21
+_PIECE_BYTES = 1 << 21  # More bytes fall out of the processor's cache, fewer are not worth a thread's while
 #: A line that is longer than this is no row of numbers.
 _LONGEST_LINE = 1 << 18
 _THREADS = 2

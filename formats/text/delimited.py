@@ -21,12 +21,10 @@ from formats.text import cell_values, unguarded
 from formats.text.cell_values import Names, floats, kind_of, numbers, times
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 
-#: The numbers of some rows, and the cells of each column.
-_Rows = tuple[NDArray[np.int64], list[pa.Array]]
+_Rows = tuple[NDArray[np.int64], list[pa.Array]]  # The numbers of some rows, and the cells of each column
 _HEAD_BYTES = 1 << 18  # Read to tell delimiter, decimal sign and kinds
 _LOOK_AHEAD_BYTES = 1 << 28  # How far to look for the first value of a column that is empty there
-#: Parsed at once: a larger block falls out of the processor's cache and is slower.
-_BLOCK_BYTES = 1 << 20
+_BLOCK_BYTES = 1 << 20  # Parsed at once: a larger block falls out of the processor's cache and is slower
 
 
 @dataclass
@@ -41,8 +39,7 @@ class _Finding:
         return self.first if self.count == 1 else f"{self.first} ({self.count} such {self.what})"
 
 
-#: By what is wrong, or by the column whose cells are.
-_Findings: TypeAlias = dict[tuple[str, str], _Finding]
+_Findings: TypeAlias = dict[tuple[str, str], _Finding]  # By what is wrong, or by the column whose cells are
 
 
 class DelimitedSource(Source):

@@ -292,8 +292,7 @@ class _Teller:
         self._table, self._pictures, self._quiet = table, pictures, quiet
         self._drawing = not quiet and sys.stderr.isatty()
         self._line = StatusLine()
-        #: Leaves an empty line for what is written next.
-        self.wipe = self._line.wipe
+        self.wipe = self._line.wipe  # Leaves an empty line for what is written next
 
     def closed(self, row: Table) -> None:
         self._write(row)

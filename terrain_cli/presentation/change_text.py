@@ -30,8 +30,7 @@ from terrain_cli.vocabulary.quantities import counted, listed
 
 FORMAT = "terrain-est/model-change/1"
 LOOP_FORMAT = "terrain-est/model-loop/1"
-#: Rows of a table that a person reads.
-_MOST_ROWS = 12
+_MOST_ROWS = 12  # Rows of a table that a person reads
 
 
 def verdict(step: Step) -> str:

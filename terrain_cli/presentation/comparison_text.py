@@ -26,10 +26,8 @@ from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted, entries, known, listed, quantity, short
 
 FORMAT = "terrain-est/comparison/1"
-#: What tells a segment from others.
-_PLACE = ("source", "wheel", "segment")
-#: Segments that a finding names, and a person reads.
-_WORST = 3
+_PLACE = ("source", "wheel", "segment")  # What tells a segment from others
+_WORST = 3  # Segments that a finding names, and a person reads
 
 
 def conclusion_of(evidence: Evidence, comparison: Comparison, asked: Asked | None = None) -> Conclusion:

@@ -23,10 +23,8 @@ _LEGEND = (
     "explains: share of the misfit, by the loss that ranks them; survives: share of its trace in the errors "
     "that no soil imitates"
 )
-#: Candidates that a person reads.
-_SHOWN = 8
-#: Effects whose scores one reads while the fits go on.
-_EARLY = 5
+_SHOWN = 8  # Candidates that a person reads
+_EARLY = 5  # Effects whose scores one reads while the fits go on
 
 
 def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> dict[str, Any]:

@@ -34,12 +34,9 @@ FORMAT = "terrain-est/inspection/1"
 _FORMATS = dict.fromkeys(("longitude", "latitude"), ".6f") | dict.fromkeys(
     ("time", "x", "y", "elevation"), ".2f"
 )
-#: Larger times are seconds since 1970.
-_EPOCH = 1e8
-#: The end of the year 9999, after which dates have no common way to be written; s.
-_LAST = 253_402_300_799
-#: A line of names longer than this is broken.
-_WIDTH = 100
+_EPOCH = 1e8  # Larger times are seconds since 1970
+_LAST = 253_402_300_799  # The end of the year 9999, after which dates have no common way to be written; s
+_WIDTH = 100  # A line of names longer than this is broken
 
 
 def inspect(

@@ -48,8 +48,7 @@ _SAMPLE_COLUMNS = {
     "longitude": "longitude_deg",
     "latitude": "latitude_deg",
 }
-#: Vertices of a segment's line at the most: enough to see its course on a map.
-VERTICES = 64
+VERTICES = 64  # Vertices of a segment's line at the most: enough to see its course on a map
 #: Rows of c and φ, and rows of two parameters.
 GRID, PARAMETER = "grid", "parameter"
 _POSTERIOR = (
@@ -57,8 +56,7 @@ _POSTERIOR = (
     *("parameter", "unit", "value", "se", "prior", "prior_sd", "other", "covariance", "correlation"),
 )
 _POSTERIOR_TEXTS = ("parameter", "unit", "other")
-#: Of a window, as a share of its labelled samples, from which on a label is named. Judged.
-_SHARE_NAMED = 0.1
+_SHARE_NAMED = 0.1  # Of a window, as a share of its labelled samples, from which on a label is named. Judged.
 
 
 def table(windows: Windows, estimates: WindowEstimates) -> Table:

@@ -192,8 +192,7 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
     return rows
 
 
-#: Segments listed for a person at the most; the table has them all.
-LISTED = 40
+LISTED = 40  # Segments listed for a person at the most; the table has them all
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
     "missed": "the residuals of {} are larger than noise, last longer, or follow load, sinkage or slip: the "

@@ -40,8 +40,7 @@ _SAMPLES, _SECONDS = 20, 1.0  # Least samples and seconds of a mean
 _FORGOTTEN = 5.0
 #: Degrees of freedom of a variance at the least, lest its estimate make the noise endless. Judged.
 _LEAST_FREEDOM = 5.0
-#: Share of its trace that is added to a matrix, lest what no sample tells make it singular.
-_RIDGE = 1e-10
+_RIDGE = 1e-10  # Share of its trace that is added to a matrix, lest what no sample tells make it singular
 
 
 class ModelMiss(NamedTuple):

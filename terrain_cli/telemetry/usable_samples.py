@@ -37,8 +37,7 @@ MOST_PRESSURE = 2e6
 _MOST_COHESION = MOST_PRESSURE / (2.0 + np.pi)
 #: T/(W r) of friction alone, four times what the equations give (`plausibility.MOST_TORQUE`): judged.
 _MOST_FRICTION = 10.0
-#: z/r: on firm ground a sensor's noise may make a sinkage as small as it likes. Judged.
-_LEAST_DEPTH = 0.01
+_LEAST_DEPTH = 0.01  # z/r: on firm ground a sensor's noise may make a sinkage as small as it likes. Judged.
 #: No vehicle on soil is faster; m/s.
 MOST_SPEED = 100.0
 BACKWARDS = "time runs backwards"

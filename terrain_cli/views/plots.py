@@ -38,19 +38,15 @@ Drawn: TypeAlias = Comparison | Diagnosis | SimulatedLog | Sequence[Rung] | Sequ
 Drawing = tuple[str, Callable[[], Figure | None]]
 
 ENDINGS = (".png", ".svg")
-#: Wheels whose joint posterior, or recursive estimate, is drawn.
-MOST_TRACES = 8
-#: Samples of each, where the picture is of a comparison.
-MOST_TRACED = 200_000
+MOST_TRACES = 8  # Wheels whose joint posterior, or recursive estimate, is drawn
+MOST_TRACED = 200_000  # Samples of each, where the picture is of a comparison
 #: Column of the table, and its name in what is drawn.
 _DRAWN = {
     **{name: name for name in ("source", "wheel", "segment", "c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg")},
     "n_samples": "sample",
 }
-#: Rows of a wheel that are held at the most: beyond that every second one goes.
-_MOST_ROWS = 2000
-#: After a drawing, so many times what it took are left to the rows that arrive. Judged.
-_REST = 4.0
+_MOST_ROWS = 2000  # Rows of a wheel that are held at the most: beyond that every second one goes
+_REST = 4.0  # After a drawing, so many times what it took are left to the rows that arrive. Judged.
 
 
 def write(found: Drawn, folder: str | Path) -> list[Path]:

@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 
     Index = NDArray[np.int32]
 
-#: With more points than this a picture shows counts.
-MOST_POINTS = 5_000
-#: Quantiles of a band come from so many samples at the most.
-_BAND_SAMPLES = 1_000_000
+MOST_POINTS = 5_000  # With more points than this a picture shows counts
+_BAND_SAMPLES = 1_000_000  # Quantiles of a band come from so many samples at the most
 #: Bins of a band, and samples of one.
 _MOST_BINS, _LEAST = 24, 25
 #: A hole in a driver, as a share of its range, that a band does not bridge; a step of a driver that
@@ -33,10 +31,8 @@ USUAL = (
     *("slip", "load", "sinkage", "velocity", "acceleration", "pitch", "yaw_rate", "motor_temperature"),
     *("pass_number", "terrain", "time", "x", "y"),
 )
-#: Every segment has a picture of its own.
-_UNSEEN = frozenset({"segment"})
-#: Labels that fit under an axis.
-MOST_LABELS = 12
+_UNSEEN = frozenset({"segment"})  # Every segment has a picture of its own
+MOST_LABELS = 12  # Labels that fit under an axis
 
 
 class Band(NamedTuple):

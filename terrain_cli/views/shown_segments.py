@@ -21,8 +21,7 @@ from terrain_cli.vocabulary.quantities import the_wheel
 
 Table = Mapping[str, Any]
 
-#: Times the least range of c or φ to which the ellipses of what nothing separates are shown.
-_WIDEST = 30.0
+_WIDEST = 30.0  # Times the least range of c or φ to which the ellipses of what nothing separates are shown
 #: Of an ellipse that holds 95 % of a normal distribution in the plane, in standard deviations.
 ELLIPSE = 2.4477
 #: Wheels under whose rim one looks, and angles on each side of that of the greatest stress.

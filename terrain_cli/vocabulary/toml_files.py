@@ -21,8 +21,7 @@ from terrain_cli.errors import ConfigurationError, nearest
 Rule = Callable[[Any, str], Any]
 
 ABOVE_ZERO = math.ulp(0.0)
-#: Characters of a value that an error shows.
-_SHOWN = 80
+_SHOWN = 80  # Characters of a value that an error shows
 #: Characters of a file, and parts of a dotted key: tomllib takes time with the square of the latter.
 _LONGEST = 4 << 20
 _PARTS = 40

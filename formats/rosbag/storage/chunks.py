@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from formats.limits import Allowance
 from formats.rosbag.storage.raw_messages import DAMAGE, ORDER, Index, Messages
 
-#: Chunks are joined until they have this many bytes: enough to make NumPy's calls cheap.
-RUN_BYTES = 8 << 20
+RUN_BYTES = 8 << 20  # Chunks are joined until they have this many bytes: enough to make NumPy's calls cheap
 #: Decompressing in more threads than this would be faster than what is done with the messages.
 _MOST_THREADS = 4
 

@@ -44,8 +44,7 @@ class RecordFile(SalvagedFile):
     #: How the file begins, and the code of the records that describe a connection.
     magic: bytes
     describes: int
-    #: What is said behind a place that is damaged, and behind one that is cut off.
-    is_damaged = is_cut = ""
+    is_damaged = is_cut = ""  # What is said behind a place that is damaged, and behind one that is cut off
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)

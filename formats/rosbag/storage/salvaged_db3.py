@@ -35,8 +35,7 @@ from formats.sqlite_pages import (
     layout,
 )
 
-#: Root page, and names of the columns.
-_Table = tuple[int, list[str]]
+_Table = tuple[int, list[str]]  # Root page, and names of the columns
 
 _MOST_TABLES = 100
 _BLOCK = 1 << 20

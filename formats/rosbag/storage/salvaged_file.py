@@ -18,10 +18,8 @@ from formats.rosbag.storage.raw_messages import Messages, widen
 
 Index = NDArray[np.int64]
 Span = tuple[int, int]
-#: A message as a row of a piece.
-Row = tuple[int, int, int, int]
-#: Rows of a piece, perhaps with more at the end of each.
-Found = Sequence[tuple[int, ...]]
+Row = tuple[int, int, int, int]  # A message as a row of a piece
+Found = Sequence[tuple[int, ...]]  # Rows of a piece, perhaps with more at the end of each
 
 
 @dataclass(frozen=True, slots=True)

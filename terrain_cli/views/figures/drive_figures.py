@@ -18,10 +18,8 @@ from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 
-#: More samples than this are thinned: a line of them is as wide as a page has dots.
-MOST_SAMPLES = 3_000
-#: With more segments than this their limits would hide the lines.
-MOST_LIMITS = 40
+MOST_SAMPLES = 3_000  # More samples than this are thinned: a line of them is as wide as a page has dots
+MOST_LIMITS = 40  # With more segments than this their limits would hide the lines
 
 
 class Picture(Figure):

@@ -25,18 +25,12 @@ from terrain_cli.views.figures.drive_figures import Picture, panels
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.arrays import Array
 
-#: Points that an SVG holds one by one; more are an image in it.
-MOST_DRAWN = 500
-#: Drivers in one picture.
-MOST_DRIVERS = 9
-#: Characters in a line of the parameters of a candidate.
-_LINE = 56
-#: Candidates of a diagnosis, the best first.
-MOST_CANDIDATES = 12
-#: Of wheels, under a median.
-_WHEELS = tuple(colour for colour in COLOURS if colour != MEDIAN)
-#: Distance of before and after from the middle of their step.
-_APART = 0.18
+MOST_DRAWN = 500  # Points that an SVG holds one by one; more are an image in it
+MOST_DRIVERS = 9  # Drivers in one picture
+_LINE = 56  # Characters in a line of the parameters of a candidate
+MOST_CANDIDATES = 12  # Candidates of a diagnosis, the best first
+_WHEELS = tuple(colour for colour in COLOURS if colour != MEDIAN)  # Of wheels, under a median
+_APART = 0.18  # Distance of before and after from the middle of their step
 
 
 def predicted_measured(comparison: Comparison) -> Figure:

@@ -30,8 +30,7 @@ from terrain_cli.views.shown_samples import Band
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.quantities import Quantity, counted
 
-#: Drivers shown for each channel: those of its findings come first.
-_MOST_DRIVERS = 2
+_MOST_DRIVERS = 2  # Drivers shown for each channel: those of its findings come first
 #: Characters in a line of a model's name beside a picture.
 _LINE = 27
 _TEXT = (

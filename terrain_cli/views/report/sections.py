@@ -25,10 +25,8 @@ Choices = list[tuple[str, str]]
 
 #: Rows of the table of segments, and segments to choose from: the worst ones where there are more.
 MOST_ROWS, MOST_CHOICES = 1_000, 300
-#: Drivers shown for each channel.
-MOST_DRIVERS = 9
-#: Samples, over all segments, in the pictures of one segment.
-MOST_SAMPLES = 6_000
+MOST_DRIVERS = 9  # Drivers shown for each channel
+MOST_SAMPLES = 6_000  # Samples, over all segments, in the pictures of one segment
 #: Characters in the name of a segment.
 LONGEST = 48
 _NOTE = (
@@ -46,10 +44,8 @@ class _Content:
     #: Columns of `results.COLUMNS`, with "name" and "key" of every segment.
     table: Mapping[str, Any]
     misfits: Mapping[str, Array]
-    #: The segments to choose from, as rows of the table.
-    kept: Index
-    #: All of them, the worst first.
-    order: Index
+    kept: Index  # The segments to choose from, as rows of the table
+    order: Index  # All of them, the worst first
 
     @property
     def chosen(self) -> str:
