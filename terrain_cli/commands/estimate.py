@@ -17,11 +17,11 @@ from terrain_cli.presentation.terminal import Progress, StatusLine, as_json, in_
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from terrain_cli.presentation.segment_files import GrowingTable
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.run.one_log import Outcome
     from terrain_cli.run.settings import Settings
-    from terrain_cli.stream.growing_table import GrowingTable
     from terrain_cli.views.plots import LivePictures
 
 #: What needs the whole log, and what is about several inputs.
@@ -223,8 +223,8 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
     from formats.byte_sources import ArrivingBytes
     from terrain_cli import processes
     from terrain_cli.estimation import estimators
+    from terrain_cli.presentation.segment_files import AGAIN, OPEN, GrowingTable
     from terrain_cli.stream.follow import Follow
-    from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
 
     path, file = _followed(inputs, logs)
     for name in _WHOLE:
@@ -306,7 +306,7 @@ class _Teller:
         if self._table:
             self._table.add(row, mark)
         else:
-            from terrain_cli.stream.growing_table import readable
+            from terrain_cli.presentation.segment_files import readable
 
             say(f"{mark}  {readable(row)}" if mark else readable(row))
 

@@ -94,7 +94,7 @@ def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[s
     used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
     found = [_wheel(source, layout, raw, rover, lacks[raw.wheel]) for raw in raws]
     other = {wheel.pop("rover_toml", "") for wheel in found} - {""}
-    clocks = {topic: stamps(table)[0] for topic, table in (tables or {}).items() if topic in used}
+    clocks = {topic: stamps(table) for topic, table in (tables or {}).items() if topic in used}
     streams = [_stream(stream, clocks.get(stream.topic)) for stream in source.streams()]
     if is_table(source) and streams[0]["records"] is None:
         first = streams[0]["fields"][0]["name"]

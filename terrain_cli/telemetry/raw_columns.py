@@ -150,7 +150,7 @@ def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | Non
     return None if missing.any() or not len(stamp) else stamp
 
 
-def stamps(columns: Mapping[str, Column]) -> tuple[NDArray[np.datetime64], bool]:
-    """Return the headers' stamps of a topic if every message has one (True), else the times of the log."""
+def stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64]:
+    """Return the headers' stamps of a topic if every message has one, else the times of the log."""
     stamp = header_stamps(columns)
-    return (np.asarray(columns[LOG_TIME]), False) if stamp is None else (stamp, True)
+    return np.asarray(columns[LOG_TIME]) if stamp is None else stamp

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from terrain_cli.comparison.comparison_outcome import Comparison
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.arrays import Array
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.vocabulary.arrays import Array
-
-    Index = NDArray[np.int32]
+Index = NDArray[np.int32]
 
 MOST_POINTS = 5_000  # With more points than this a picture shows counts
 _BAND_SAMPLES = 1_000_000  # Quantiles of a band come from so many samples at the most
@@ -79,16 +74,10 @@ def band(driver: Array, values: Array) -> Band:
         # A value of the driver is never split over two bins: it may have few of them.
         edges = np.searchsorted(x, x[np.linspace(start, end, bins + 1).astype(int)[1:-1]])
         rows += [
-            (_quantiles(x[part], [0.5])[0], *_quantiles(v[part], [0.05, 0.5, 0.95]))
+            (np.median(x[part]), *np.quantile(v[part], [0.05, 0.5, 0.95]))
             for part in np.split(np.arange(start, end), np.unique(edges[edges > start]) - start)
         ]
     return Band(*np.array(rows).T) if rows else Band(*(np.empty(0),) * 4)
-
-
-def _quantiles(values: Array, shares: Sequence[float]) -> Array:
-    """Return quantiles as NumPy does, which takes ten times as long for few values."""
-    places = np.multiply(shares, len(values) - 1)
-    return np.asarray(np.interp(places, np.arange(len(values)), np.sort(values)))
 
 
 def _stretches(x: Array) -> list[tuple[int, int]]:
