@@ -93,7 +93,7 @@ def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[s
     layout, tables, raws, lacks = holdings(source, rover, wheels)
     used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
     found = [_wheel(source, layout, raw, rover, lacks[raw.wheel]) for raw in raws]
-    other = {wheel.pop("rover_toml", "") for wheel in found} - {""}
+    other = filter(None, dict.fromkeys(wheel.pop("rover_toml", "") for wheel in found))
     clocks = {topic: stamps(table) for topic, table in (tables or {}).items() if topic in used}
     streams = [_stream(stream, clocks.get(stream.topic)) for stream in source.streams()]
     if is_table(source) and streams[0]["records"] is None:

@@ -83,34 +83,23 @@ def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
 
 
+_LETTERS: Spec = {"labelColor": INK, "labelFontSize": 11}
+_LETTERS |= {"titleColor": INK, "titleFontSize": 12, "titleFontWeight": "normal"}
 #: How all charts look.
 _SETTINGS: Spec = {
     "aria": False,
     "font": "system-ui, DejaVu Sans, Arial, sans-serif",
     "view": {"continuousHeight": 300, "continuousWidth": 300, "stroke": None},
     "axis": {
+        **_LETTERS,
         "gridColor": FAINT,
         "gridOpacity": 0.25,
-        "labelColor": INK,
-        "labelFontSize": 11,
         "labelOverlap": "greedy",
         "labelSeparation": 6,
-        "titleColor": INK,
-        "titleFontSize": 12,
-        "titleFontWeight": "normal",
     },
     # What would reach beyond the picture is left out.
     "axisX": {"labelBound": 4},
-    "legend": {
-        "labelColor": INK,
-        "labelFontSize": 11,
-        "labelLimit": 180,
-        "orient": "bottom",
-        "columns": 3,
-        "titleColor": INK,
-        "titleFontSize": 12,
-        "titleFontWeight": "normal",
-    },
+    "legend": {**_LETTERS, "labelLimit": 180, "orient": "bottom", "columns": 3},
 }
 
 
