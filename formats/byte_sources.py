@@ -10,17 +10,15 @@ import stat
 import sys
 import tempfile
 import time
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import BinaryIO, cast
 
 from formats.content import SIDE_FILES, failure
 from formats.errors import CannotWriteError, FormatError, NotFoundError
 from formats.limits import PIPE_SECONDS, SPARE_BYTES, largest_copy
 from formats.table import STANDARD_INPUT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
 
 _BLOCK = 1 << 20
 _OPEN_FILES = "/proc/self/fd"  # Where Linux shows the open files of a process

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import codecs
 import io
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import NUL_BYTES, UNPACKED_RATIO, file_limit
-from formats.recovery import HINT
-
-if TYPE_CHECKING:
-    from formats.recovery import Recovery
+from formats.recovery import HINT, Recovery
 
 HEAD_BYTES = 64  # Enough for every signature below
-#: Bytes that wait for the end of the file, so that a row which is cut off can be left out.
-_HELD = 1 << 16
-#: Read at once from packed data: what is lost of the last read, where they end too early.
-_PACKED = 1 << 10
+_HELD = 1 << 16  # Bytes that wait for the end of the file, so that a row which is cut off can be left out
+_PACKED = 1 << 10  # Read at once from packed data: what is lost of the last read, where they end too early
 
 
 class FileKind(NamedTuple):

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from formats.limits import TooMuchError, unpacked_limit
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
 
 #: Bytes that the head of a page nearly always has, and those that it may have.
 _USUAL_HEAD, _HEAD = 1 << 8, 1 << 16

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -15,13 +16,8 @@ from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import TooMuchError
 from formats.page_claims import check_pages
 from formats.recovery import Recovery
-from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
+from formats.table import BATCH_ROWS, Batch, Column, Field, Kind, Labels, Source, Stream
 from formats.text.cell_values import MISSING, Names, exact, floats, kind_of, numbers
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from formats.table import Batch, Column, Kind
 
 #: What to do about a damaged file.
 _LOST = "Parquet keeps its index at the end: copy the file again, or write it anew"

@@ -10,22 +10,17 @@ import stat
 import sys
 import tempfile
 import weakref
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from formats.byte_sources import kept, no_file, piped, readable
 from formats.content import COMPRESSED, FILE_KINDS, HEAD_BYTES, SIDE_FILES, content, failure, first_bytes
 from formats.errors import FormatError, NotFoundError, shown
 from formats.limits import METADATA_BYTES
-from formats.table import STANDARD_INPUT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from formats.table import Source
+from formats.table import STANDARD_INPUT, Source
 
 #: What the ending of a file's name promises.
 _ENDINGS = {ending: kind for kind, known in FILE_KINDS.items() for ending in known.endings}

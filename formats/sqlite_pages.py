@@ -7,13 +7,11 @@ at those before them: so every page that is a leaf can be read by itself.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from formats.limits import TooMuchError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 MAGIC = b"SQLite format 3\0"
 HEADER = 100

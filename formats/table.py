@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+import numpy as np
+from numpy.typing import NDArray
 
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from formats.recovery import Recovery
+from formats.recovery import Recovery
 
 #: So that a column has more than 512 KiB: with 65,536 rows a Parquet file of 10⁷, all of which is kept, took
 #: 1.3 to 2 times as long, and no longer where Arrow's allocator was told to give nothing back.

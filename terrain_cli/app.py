@@ -7,7 +7,8 @@ import gc
 import importlib
 import os
 import sys
-from typing import TYPE_CHECKING, Any, NoReturn
+from collections.abc import Sequence
+from typing import Any, NoReturn
 
 import click
 
@@ -15,9 +16,6 @@ from terrain_cli import ForeignFormatsError, check_formats, processes, version
 from terrain_cli.commands.options import Group
 from terrain_cli.presentation import terminal
 from terrain_cli.version import __version__
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 #: Each verb with the line that stands for it in the help: a verb's module is imported only when it runs.
 VERBS = {
@@ -34,8 +32,7 @@ VERBS = {
     "completion": "Print the completion script of a shell.",
 }
 
-#: New objects after which Python looks for garbage.
-_NEW_OBJECTS = 10_000
+_NEW_OBJECTS = 10_000  # New objects after which Python looks for garbage
 
 EPILOG = """\b
 Examples:

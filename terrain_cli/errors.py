@@ -12,10 +12,7 @@ TerrainError             1
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from collections.abc import Iterable
 
 
 class TerrainError(Exception):

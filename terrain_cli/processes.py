@@ -26,8 +26,7 @@ _CONTAINER = Path("/sys/fs/cgroup/memory.max")
 #: took 3.8 times as much as seven columns, 4.6 times as much as four (2 and 33 million rows), and 6.7 times
 #: with `--samples`.
 _SHARE = 8
-#: Bytes of a machine that does not say how many it has.
-_UNKNOWN = 8 << 30
+_UNKNOWN = 8 << 30  # Bytes of a machine that does not say how many it has
 #: What NumPy's linear algebra asks for its number of threads. That of OpenMP also counts for Arrow, which
 #: reads files in as many.
 ALGEBRA = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -35,12 +34,10 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _jobs: ContextVar[int] = ContextVar("jobs", default=1)
-#: In a process that was started here, the function.
-_held: list[Callable[[Any], Any]] = []
+_held: list[Callable[[Any], Any]] = []  # In a process that was started here, the function
 #: Those of the system's wishes to end; Windows lacks the second.
 ENDINGS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-#: Seconds in which two signals are one wish: a system that shuts down sends both (judged).
-_TOGETHER = 1.0
+_TOGETHER = 1.0  # Seconds in which two signals are one wish: a system that shuts down sends both (judged)
 
 
 @cache

@@ -209,6 +209,21 @@ def test_topics_none_of_which_can_be_preferred(tmp_path, rover_file):
     assert "not used: load" not in shown
 
 
+def test_lines_for_rover_toml_come_in_the_order_of_the_wheels(tmp_path):
+    """A sinkage in cm, of four wheels."""
+    wheels = ["rr", "fl", "ml", "fr"]
+    path = tmp_path / "run.csv"
+    rows = [f"{k},{wheel},80,3,{2 + k % 2},0.3" for wheel in wheels for k in range(20)]
+    path.write_text("\n".join(["time,wheel,load,torque,sinkage,slip", *rows]) + "\n")
+    (tmp_path / "rover.toml").write_text(GEOMETRY + "".join(f"[wheels.{wheel}]\n" for wheel in wheels))
+    document = inspect(str(path), rovers.load(tmp_path / "rover.toml"))
+    sinkage = 'sinkage = { column = "sinkage", unit = "cm" }'
+    shown = [wheel["wheel"] for wheel in document["wheels"]]
+    assert document["rover_toml"].splitlines() == [
+        line for wheel in shown for line in (f"[wheels.{wheel}.channels]", sinkage)
+    ]
+
+
 def test_a_clock_in_milliseconds_is_told(tmp_path, rover_file):
     path = tmp_path / "run.csv"
     rows = [f"{20 * k},80,3,0.01,1,0.1" for k in range(50)]

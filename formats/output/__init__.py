@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from formats.errors import CannotWriteError
-from formats.output.common_forms import LAYER, check_crs, normalise
+from formats.output.common_forms import LAYER, Values, check_crs, normalise
 from formats.output.text_writer import write_text
 from formats.output.whole_files import check_free, explained, opened, replacing
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from formats.output.common_forms import Values
 
 __all__ = ["check_crs", "check_free", "output_kind", "replacing", "write_parts", "write_table"]
 
@@ -56,7 +52,6 @@ def write_table(
     *,
     kind: str | None = None,
     crs: str | None = None,
-    geometry: str = "WKT",
     layer: str = LAYER,
     layers: Mapping[str, Mapping[str, Values]] | None = None,
     graduated: Mapping[str, Sequence[str]] | None = None,
@@ -64,8 +59,8 @@ def write_table(
     """Write a table, whole or not at all.
 
     Numbers keep every digit (the shortest text that gives the same float64 back); NaN is an
-    empty cell, or null. A GeoPackage and GeoJSON hold the geometry in place of its column,
-    Parquet beside it.
+    empty cell, or null. The column WKT, if there is one, is the geometry (POINT or LINESTRING):
+    a GeoPackage and GeoJSON hold that in place of the column, Parquet beside it.
 
     Parameters
     ----------
@@ -79,8 +74,6 @@ def write_table(
         Reference system of the geometry as GDAL takes it, such as "EPSG:4326" or
         "IAU_2015:49900", x before y and longitude before latitude; a site frame in metres if
         not given.
-    geometry : str
-        The column that holds WKT (POINT or LINESTRING), if there is one.
     layer : str
         What a GIS shows as the name of the table.
     layers : mapping of str to mapping, optional
@@ -107,28 +100,26 @@ def write_table(
         if kind not in _TEXT_KINDS:
             raise CannotWriteError("standard output", f"{kind} needs a file", hint="give -o FILE")
         with explained("standard output"):
-            write_text(table, destination, kind, crs, geometry, layer)
+            write_text(table, destination, kind, crs, layer)
             destination.flush()
         return
     kind = kind or output_kind(destination)
     with replacing(destination) as temporary:
         if kind in _TEXT_KINDS:
             with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
-                write_text(table, stream, kind, crs, geometry, layer)
+                write_text(table, stream, kind, crs, layer)
         elif kind == "parquet":
             from formats.output.parquet_writer import write_parquet
 
-            write_parquet([table], temporary, crs, geometry)
+            write_parquet([table], temporary, crs)
         else:
             from formats.output.geopackage import write_geopackage
 
             tables = {layer: table, **{name: normalise(more) for name, more in (layers or {}).items()}}
-            write_geopackage(tables, graduated or {}, destination, temporary, crs, geometry)
+            write_geopackage(tables, graduated or {}, destination, temporary, crs)
 
 
-def write_parts(
-    parts: Iterable[Mapping[str, Values]], destination: str, *, crs: str | None = None, geometry: str = "WKT"
-) -> None:
+def write_parts(parts: Iterable[Mapping[str, Values]], destination: str, *, crs: str | None = None) -> None:
     """Write a table as Parquet, whole or not at all, of which only a part is held at a time.
 
     Parameters
@@ -137,7 +128,7 @@ def write_parts(
         At least one; as `write_table` takes them, with the same columns.
     destination : str
         A path.
-    crs, geometry : str
+    crs : str, optional
         As for `write_table`.
 
     Raises
@@ -148,4 +139,4 @@ def write_parts(
     from formats.output.parquet_writer import write_parquet
 
     with replacing(destination) as temporary:
-        write_parquet(map(normalise, parts), temporary, crs, geometry)
+        write_parquet(map(normalise, parts), temporary, crs)

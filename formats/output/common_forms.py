@@ -6,23 +6,20 @@ import io
 import math
 import re
 import struct
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats.errors import FormatError
 from formats.table import Labels
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
 Values: TypeAlias = "NDArray[Any] | Labels | Sequence[str | None] | Sequence[float | None]"
-#: What a GIS shows as the name of the layer.
-LAYER = "segments"
+LAYER = "segments"  # What a GIS shows as the name of the layer
+WKT = "WKT"  # The column that holds the geometry
 _WKT = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?\(([^()]+)\)\s*", re.IGNORECASE)
 _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)
 #: Metres in a frame of their own: GDAL reads it from GeoJSON, and writes srs_id −1 for it in a GeoPackage.

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import NDArray
 from pyogrio import get_gdal_config_option, raw, set_gdal_config_options
 from pyogrio.errors import CRSError, DataLayerError, DataSourceError, FeatureError, GeometryError
 
 from formats.errors import CannotWriteError
-from formats.output.common_forms import SITE_FRAME, is_wgs84, parse, unknown_crs
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats.output.common_forms import Table
+from formats.output.common_forms import SITE_FRAME, WKT, Table, is_wgs84, parse, unknown_crs
 
 #: Stands where a GeoPackage notes when it was changed: the time of writing would be other bytes each time.
 _NO_DATE = "1970-01-01T00:00:00.000Z"
@@ -63,7 +57,6 @@ def write_geopackage(
     destination: str,
     path: str,
     crs: str | None,
-    geometry: str,
 ) -> None:
     """Write tables as the layers of a GeoPackage, by their names; `destination` is for messages."""
     # Columns that are `graduated` have a style each, of which QGIS shows the first. Without a `crs` they are
@@ -75,7 +68,7 @@ def write_geopackage(
     try:
         with _no_date():
             for name, table in layers.items():
-                kind = _write_layer(name, table, path, system, geometry)
+                kind = _write_layer(name, table, path, system)
                 styles += [(name, *style) for style in _styles(table, graduated.get(name, ()), kind)]
         with closing(sqlite3.connect(path)) as database, database:
             database.execute(_WITH_YEAR)
@@ -99,12 +92,12 @@ def _no_date() -> Iterator[None]:
         set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
-def _write_layer(layer: str, table: Table, path: str, system: str, geometry: str) -> str | None:
+def _write_layer(layer: str, table: Table, path: str, system: str) -> str | None:
     """Write one layer, and return the type of its geometries."""
-    fields = {name: column for name, column in table.items() if name != geometry}
+    fields = {name: column for name, column in table.items() if name != WKT}
     shapes, wkb, shape_type = [], None, None
-    if geometry in table:
-        shapes = [parse(text) for text in table[geometry]]
+    if WKT in table:
+        shapes = [parse(text) for text in table[WKT]]
         wkb = np.array([shape.wkb() if shape else None for shape in shapes], dtype=object)
         kinds = {(shape.kind, len(shape.points[0])) for shape in shapes if shape}
         shape_type = kinds.pop()[0] if len(kinds) == 1 else "Unknown"

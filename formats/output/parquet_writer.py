@@ -4,32 +4,28 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from formats.output.common_forms import parse, projjson
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from formats.output.common_forms import Table, WktShape
+from formats.output.common_forms import WKT, Table, WktShape, parse, projjson
 
 _TYPES = {"f": pa.float64(), "i": pa.int64(), "O": pa.string()}  # By the kind of their array
 GEOMETRY = "geometry"  # Of the binary geometry, which stands beside the text
 
 
-def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry: str) -> None:
+def write_parquet(tables: Iterable[Table], path: str, crs: str | None) -> None:
     """Write the parts of a table, of which one is held at a time, as Parquet; empty cells are null."""
     # WKT gets a column of WKB beside it, as GeoParquet 1.1 has it: who does not know that still has the text.
     extent = Extent()
     with ExitStack() as stack:
         writer = None
         for table in tables:
-            part = _arrow(table, geometry, extent)
+            part = _arrow(table, extent)
             if writer is None:
                 # With Arrow's own schema beside it, pyarrow would not look for keys that come last.
                 writer = stack.enter_context(pq.ParquetWriter(path, part.schema, store_schema=False))
@@ -56,14 +52,14 @@ class Extent:
         return shape.wkb()
 
 
-def _arrow(table: Table, geometry: str, extent: Extent) -> pa.Table:
+def _arrow(table: Table, extent: Extent) -> pa.Table:
     arrays = {
         # As of pandas: NaN is null.
         name: pa.array(column, _TYPES[column.dtype.kind], from_pandas=True)
         for name, column in table.items()
     }
-    if geometry in table:
-        shapes = map(parse, table[geometry])
+    if WKT in table:
+        shapes = map(parse, table[WKT])
         arrays[GEOMETRY] = pa.array([extent.take(shape) if shape else None for shape in shapes], pa.binary())
     return pa.table(arrays)
 

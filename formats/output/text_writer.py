@@ -9,30 +9,35 @@ import io
 import json
 import math
 import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
+from typing import Any, BinaryIO, TextIO, cast
 
-from formats.output.common_forms import LAYER, SITE_FRAME, check_crs, is_wgs84, normalise, parse, urn
+from numpy.typing import NDArray
+
+from formats.output.common_forms import (
+    LAYER,
+    SITE_FRAME,
+    WKT,
+    Table,
+    Values,
+    check_crs,
+    is_wgs84,
+    normalise,
+    parse,
+    urn,
+)
 from formats.output.whole_files import replacing
 from formats.table import BATCH_ROWS
 from formats.text import guarded
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from numpy.typing import NDArray
-
-    from formats.output.common_forms import Table, Values
 
 #: What stands before each feature: the record separator of RFC 8142, or nothing.
 _SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}
 PACKINGS = (".gz", ".bz2", ".zst")  # Endings of packed files
 
 
-def write_text(
-    table: Table, stream: TextIO, kind: str, crs: str | None, geometry: str, layer: str = LAYER
-) -> None:
+def write_text(table: Table, stream: TextIO, kind: str, crs: str | None, layer: str = LAYER) -> None:
     """Write a table as CSV, JSON or GeoJSON; "geojsonl" and "geojsons" (RFC 8142) have a feature a line."""
     if kind == "csv":
         writer = csv.writer(stream, lineterminator="\n")
@@ -44,7 +49,7 @@ def write_text(
     else:
         # A reader that does not know the name of a reference system takes the Earth's.
         check_crs(crs)
-        features = (_feature(dict(zip(table, row, strict=True)), geometry) for row in _rows(table))
+        features = (_feature(dict(zip(table, row, strict=True))) for row in _rows(table))
         system = _system(crs)
         if kind == "geojson":
             stream.write(f'{{"type": "FeatureCollection", "name": {json.dumps(layer)}, ')
@@ -97,8 +102,8 @@ def _strict(properties: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in properties.items()}
 
 
-def _feature(properties: dict[str, Any], geometry: str) -> dict[str, Any]:
-    shape = parse(properties.pop(geometry, None))
+def _feature(properties: dict[str, Any]) -> dict[str, Any]:
+    shape = parse(properties.pop(WKT, None))
     described = None
     if shape is not None:
         points = [list(point) for point in shape.points]
@@ -113,7 +118,7 @@ def write_packed(columns: Mapping[str, Values], path: str) -> None:
         file = stack.enter_context(Path(temporary).open("wb"))
         packed = stack.enter_context(_packed(file, Path(path).suffix.lower()))
         stream = stack.enter_context(io.TextIOWrapper(packed, encoding="utf-8", newline=""))
-        write_text(table, stream, "csv", None, "")
+        write_text(table, stream, "csv", None)
 
 
 def _packed(file: BinaryIO, ending: str) -> BinaryIO:

@@ -9,14 +9,11 @@ import shutil
 import sqlite3
 import stat
 import tempfile
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from formats.errors import CannotWriteError, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 #: As many as Linux follows.
 _MOST_LINKS = 40

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from sqlite3 import DatabaseError
-from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
 from formats.recovery import Recovery, set_aside
 from formats.rosbag.bag_files import check, damaged, first_part, next_part
 from formats.rosbag.bag_source import BagSource, Reading
-from formats.rosbag.containers import Container, of_records
+from formats.rosbag.containers import Container, Reader, of_records
 from formats.rosbag.decoder import Decodable
 from formats.rosbag.definitions import UnusableError
-from formats.rosbag.storage.chunks import RUN_BYTES
+from formats.rosbag.storage.chunks import RUN_BYTES, Run
 from formats.rosbag.storage.db3 import GrowingDb3
 from formats.rosbag.storage.raw_messages import DAMAGE
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
-
-    from formats.rosbag.containers import Reader
-    from formats.rosbag.storage.chunks import Run
-    from formats.rosbag.storage.record_file import RecordFile
-    from formats.table import Batch
+from formats.rosbag.storage.record_file import RecordFile
+from formats.table import Batch
 
 #: Log times in ns from which the topics are told: one that has a message each second is among them. If one
 #: is missing, it may begin later. Judged: drivers start one after the other within seconds.

@@ -6,25 +6,21 @@ import re
 import shlex
 import struct
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from formats.byte_sources import kept
 from formats.content import SIDE_FILES
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import METADATA_BYTES, TooMuchError, unpacked_limit
-from formats.recovery import HINT
+from formats.recovery import HINT, Recovery
 
 if sys.version_info >= (3, 14):
     from compression import zstd
 else:
     from backports import zstd
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from contextlib import ExitStack
-
-    from formats.recovery import Recovery
 
 MAGIC = {"ros1": b"#ROSBAG V2.0\n", "mcap": b"\x89MCAP0\r\n", "db3": b"SQLite format 3\x00"}
 TITLES = {"ros1": "a ROS 1 bag (version 2.0)", "mcap": "an MCAP file", "db3": "an SQLite file"}

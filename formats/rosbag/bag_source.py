@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection
 
 from formats.errors import DamagedError, FormatError
+from formats.rosbag.bulk_extraction import Elements
 from formats.rosbag.containers import Container
 from formats.rosbag.decoder import Decodable, UndecodableError, columns, first_elements, labels
-from formats.rosbag.definitions import NAT, FieldRequest, UnusableError, define
+from formats.rosbag.definitions import NAT, Definition, FieldRequest, Leaf, UnusableError, Values, define
 from formats.rosbag.definitions import STAMP as HEADER_STAMP
-from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Field, Source, Stream
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-    from rosbags.interfaces import Connection
-
-    from formats.rosbag.bulk_extraction import Elements
-    from formats.rosbag.definitions import Definition, Leaf, Values
-    from formats.rosbag.storage.chunks import Run
-    from formats.rosbag.storage.raw_messages import Messages
-    from formats.table import Batch
+from formats.rosbag.storage.chunks import RUN_BYTES, Run
+from formats.rosbag.storage.raw_messages import Messages
+from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Batch, Field, Source, Stream
 
 _ZERO = np.datetime64(0, "ns")
-#: A list with more elements is cut in what `streams` tells; any place of it can be read.
-MOST_ELEMENTS = 256
+MOST_ELEMENTS = 256  # A list with more elements is cut in what `streams` tells; any place of it can be read
 
 
 @dataclass(eq=False)

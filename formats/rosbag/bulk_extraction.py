@@ -10,27 +10,31 @@ header; an empty list adds no gap for its elements.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc
 
-from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME, members
-from formats.rosbag.storage.raw_messages import numbers_at, parts_at
+from formats.rosbag.definitions import (
+    CODES,
+    DURATION,
+    FILLER,
+    TIME,
+    Definition,
+    FieldRequest,
+    Leaf,
+    Values,
+    members,
+)
+from formats.rosbag.storage.raw_messages import Messages, numbers_at, parts_at
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-    from rosbags.interfaces.typing import FieldDesc
-
-    from formats.rosbag.definitions import Definition, FieldRequest, Leaf, Values
-    from formats.rosbag.storage.raw_messages import Messages
-
-    Elements: TypeAlias = tuple[tuple[str, ...], bool]  # Names or places, and whether they are names
-    Found: TypeAlias = tuple[Values, bool]  # A column, and whether any message has a value for it
-    Places: TypeAlias = int | NDArray[np.int64]  # One number for all messages, or one for each
+Elements: TypeAlias = tuple[tuple[str, ...], bool]  # Names or places, and whether they are names
+Found: TypeAlias = tuple[Values, bool]  # A column, and whether any message has a value for it
+Places: TypeAlias = int | NDArray[np.int64]  # One number for all messages, or one for each
 
 LONGEST = 256  # The longest list of texts or of messages that is walked element by element
 #: The byte order by the first two bytes of a payload in CDR, read as a little-endian number.

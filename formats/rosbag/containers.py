@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.ros1 import Ros1File
     from formats.rosbag.storage.salvaged_file import SalvagedFile
 
-    #: What reads a file: its index with `open`, its messages in the order of their log times with `runs`.
-    #: `spans` are first and last log time in ns of connections, by their number, where an index tells them.
-    Reader: TypeAlias = Ros1File | McapFile | Db3File | SalvagedFile
+#: What reads a file: its index with `open`, its messages in the order of their log times with `runs`.
+#: `spans` are first and last log time in ns of connections, by their number, where an index tells them.
+Reader: TypeAlias = "Ros1File | McapFile | Db3File | SalvagedFile"
 
 LOST = "copy or record it again"  # What to do where not even salvage helps
 

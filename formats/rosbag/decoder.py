@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rosbags.typesys.base import normalize_fieldname
 
-from formats.rosbag.bulk_extraction import UnevenError, called, elements, gather
-from formats.rosbag.definitions import DURATION, FieldRequest
-from formats.table import STAMP, Labels
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from formats.recovery import Recovery
-    from formats.rosbag.bulk_extraction import Elements
-    from formats.rosbag.definitions import Definition, Leaf, Path, Values
-    from formats.rosbag.storage.chunks import Run
-    from formats.rosbag.storage.raw_messages import Messages
-    from formats.table import Kind
+from formats.recovery import Recovery
+from formats.rosbag.bulk_extraction import Elements, UnevenError, called, elements, gather
+from formats.rosbag.definitions import DURATION, Definition, FieldRequest, Leaf, Path, Values
+from formats.rosbag.storage.chunks import Run
+from formats.rosbag.storage.raw_messages import Messages
+from formats.table import STAMP, Kind, Labels
 
 
 class UndecodableError(Exception):

@@ -8,27 +8,22 @@ parsed only checked names and numbers go on.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
-from rosbags.interfaces import MessageDefinitionFormat, Nodetype
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.base import normalize_fieldname
+from rosbags.typesys.store import Typestore
 
 from formats import limits
 from formats.limits import LEAVES, TooMuchError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-    from rosbags.interfaces import Connection
-    from rosbags.interfaces.typing import FieldDesc, Typesdict
-    from rosbags.typesys.store import Typestore
-
-    from formats.table import Kind
+from formats.table import Kind
 
 TIME, DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
 HEADER = "std_msgs/msg/Header"
@@ -44,8 +39,7 @@ CODES = {
 #: Lists of these are images, point clouds and the like: never columns.
 BLOBS = {"byte", "char", "int8", "uint8"}
 MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
-#: What rosbags knows of itself, whatever a file says of them.
-BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
+BUILT_IN = get_typestore(Stores.EMPTY).fielddefs  # What rosbags knows of itself, whatever a file says of them
 #: rosbags takes longer to parse the definitions of a bag than it takes to read a minute of its messages, and
 #: those of the next bag are the same.
 _types_of_msg = lru_cache(256)(get_types_from_msg)

@@ -5,21 +5,17 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import pyarrow as pa
 
 from formats.content import BAGS, COMPRESSED, FILE_KINDS, HEAD_BYTES, content
 from formats.errors import FormatError
-from formats.table import Field, Source, Stream
+from formats.table import Batch, Column, Field, Kind, Source, Stream
 from formats.text import unguarded
 from formats.text.cell_values import Names, kind_of, numbers, of_texts, times
 from formats.text.dialect import examine, split_line
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from formats.table import Batch, Column, Kind
 
 HEAD_LINES = 64  # Lines from which the columns are told, if so many come in time
 _LONGEST = 1 << 20  # A line longer than this is none

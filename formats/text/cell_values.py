@@ -1,33 +1,19 @@
-"""Text of cells to numbers, times and labels, in bulk; at once where nothing in a table is odd.
-
-The parser of `delimited` tells of every odd row, for which it works in one thread and makes texts first. Here
-each piece goes to a thread, which makes numbers of its cells while it parses.
-"""
+"""Text of cells to numbers, times and labels, in bulk."""
 
 from __future__ import annotations
 
 import contextlib
 import re
-from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pc
+from numpy.typing import NDArray
 
-from formats.table import Labels
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats.content import TextStream
-    from formats.table import Kind
+from formats.table import Kind, Labels
 
 #: What stands for "no value", in lower case.
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none", "<na>", "nat"})
@@ -42,11 +28,6 @@ _TIME = re.compile(
 )
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NS_LIMIT = 2**63
-#: More bytes fall out of the processor's cache, fewer are not worth a thread's while.
-_PIECE_BYTES = 1 << 21
-#: A line that is longer than this is no row of numbers.
-_LONGEST_LINE = 1 << 18
-_THREADS = 2
 
 
 def number_pattern(decimal: str) -> str:
@@ -192,75 +173,6 @@ def _nanoseconds(cell: str | None) -> Any:
     return np.datetime64(ns, "ns") if -_NS_LIMIT < ns < _NS_LIMIT else np.datetime64("NaT", "ns")
 
 
-def conversion(kinds: Mapping[int, pa.DataType], decimal: str) -> pc.ConvertOptions:
-    """Say what pyarrow makes of some columns, whose names are their places."""
-    return pc.ConvertOptions(
-        include_columns=list(map(str, kinds)),
-        column_types={str(place): kind for place, kind in kinds.items()},
-        strings_can_be_null=True,
-        null_values=list(MISSING_SPELLINGS),
-        decimal_point=decimal,
-    )
-
-
 def of_texts(cells: Iterable[str]) -> pa.Array:
     """Return texts as pyarrow holds them, null where a value is missing."""
     return pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())
-
-
-class OddError(Exception):
-    """There is something that needs the texts of cells, or their rows looked at."""
-
-
-def columns(
-    stream: TextStream, delimiter: str, decimal: str, width: int, kinds: Mapping[int, pa.DataType]
-) -> Generator[list[pa.Array], None, None]:
-    """Read those of `width` columns that are in `kinds`; before an OddError what came is right."""
-    # Odd is a row of other width, a cell that is no number or loses digits, a quote mark, a NUL byte.
-    names = [str(place) for place in range(width)]
-    parse = partial(_parse, names=names, delimiter=delimiter, convert=conversion(kinds, decimal))
-    with ThreadPoolExecutor(_THREADS) as pool:
-        waiting: deque[Future[list[pa.Array]]] = deque()
-        for piece in _pieces(stream):
-            waiting.append(pool.submit(parse, piece))
-            if len(waiting) > _THREADS:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
-
-
-def _pieces(stream: TextStream) -> Iterator[bytes]:
-    """Cut a stream after ends of lines."""
-    rest = b""
-    while data := stream.read(_PIECE_BYTES):
-        # Only the end is shorter; its last line need not have one.
-        end = data.rfind(b"\n") + 1 if len(data) == _PIECE_BYTES else len(data)
-        if stream.nul_bytes or b'"' in data or len(data) - end > _LONGEST_LINE:
-            raise OddError
-        if end:
-            yield b"".join((rest, memoryview(data)[:end]))
-            rest = data[end:]
-        else:
-            rest += data
-    if rest:
-        yield rest
-
-
-def _parse(
-    piece: bytes, *, names: Sequence[str], delimiter: str, convert: pc.ConvertOptions
-) -> list[pa.Array]:
-    size = len(piece) + 1
-    try:
-        table = pc.read_csv(
-            pa.BufferReader(piece),
-            read_options=pc.ReadOptions(use_threads=False, block_size=size, column_names=list(names)),
-            parse_options=pc.ParseOptions(delimiter=delimiter, quote_char=False),
-            convert_options=convert,
-        ).combine_chunks()
-    except pa.ArrowInvalid as error:
-        raise OddError from error
-    found = [column.chunk(0) if column.num_chunks else pa.array([], column.type) for column in table.columns]
-    for cells in found:
-        if pa.types.is_floating(cells.type) and (np.abs(floats(cells)) >= EXACT).any():
-            raise OddError
-    return found

@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
+from numpy.typing import NDArray
 
 from formats.content import SalvagedText, TextStream
 from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
-from formats.table import BATCH_ROWS, Field, Source, Stream
-from formats.text import cell_values, unguarded
-from formats.text.cell_values import Names, floats, kind_of, numbers, times
+from formats.table import BATCH_ROWS, Batch, Column, Field, Kind, Source, Stream
+from formats.text import unguarded
+from formats.text.cell_values import MISSING_SPELLINGS, Names, kind_of, numbers, of_texts, times
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats.table import Batch, Column, Kind
-
-    #: The numbers of some rows, and the cells of each column.
-    _Rows = tuple[NDArray[np.int64], list[pa.Array]]
+_Rows = tuple[NDArray[np.int64], list[pa.Array]]  # The numbers of some rows, and the cells of each column
 _HEAD_BYTES = 1 << 18  # Read to tell delimiter, decimal sign and kinds
 _LOOK_AHEAD_BYTES = 1 << 28  # How far to look for the first value of a column that is empty there
-#: Parsed at once: a larger block falls out of the processor's cache and is slower.
-_BLOCK_BYTES = 1 << 20
+_BLOCK_BYTES = 1 << 20  # Parsed at once: a larger block falls out of the processor's cache and is slower
 
 
 @dataclass
@@ -46,8 +38,7 @@ class _Finding:
         return self.first if self.count == 1 else f"{self.first} ({self.count} such {self.what})"
 
 
-#: By what is wrong, or by the column whose cells are.
-_Findings: TypeAlias = dict[tuple[str, str], _Finding]
+_Findings: TypeAlias = dict[tuple[str, str], _Finding]  # By what is wrong, or by the column whose cells are
 
 
 class DelimitedSource(Source):
@@ -71,7 +62,6 @@ class DelimitedSource(Source):
             *self._dialect.remarks,
         ]
         self._said: dict[tuple[str, str], str] = {}
-        self._kinds: dict[str, Kind] = {}
         self._kinds = dict(zip(self._dialect.names, self._look_ahead(), strict=True))
         #: Rows set aside in the last reading, for they have more fields than the header or were cut off.
         self.skipped = 0
@@ -120,8 +110,6 @@ class DelimitedSource(Source):
         kind = self._kinds[field]
         if kind == "text":
             return names[field].labels(cells)
-        if pa.types.is_floating(cells.type):
-            return floats(cells)
         values: Column
         values, bad = times(cells) if kind == "time" else numbers(cells, self._dialect.decimal)
         if bad.any():
@@ -134,37 +122,7 @@ class DelimitedSource(Source):
         return values
 
     def _rows(self, places: list[int], findings: _Findings) -> Iterator[_Rows]:
-        """Read the cells of some fields, with the number of each row: as numbers, else as text."""
-        done = 0
-        if places and self.recovery is None:
-            numeric = {j for j in places if self._kinds.get(self._dialect.names[j]) == "number"}
-            kinds = {j: pa.float64() if j in numeric else pa.string() for j in places}
-            try:
-                said, width = self._dialect, len(self._dialect.names)
-                with (
-                    self._open() as stream,
-                    closing(
-                        cell_values.columns(stream, said.delimiter, said.decimal, width, kinds)
-                    ) as blocks,
-                ):
-                    stream.read(said.offset)
-                    for block in blocks:
-                        begin = self._dialect.first_row + done
-                        done += len(block[0])
-                        yield np.arange(begin, begin + len(block[0])), block
-            except cell_values.OddError:
-                pass
-            else:
-                self.skipped = 0
-                return
-        # Once more from the beginning, without the rows that were passed on.
-        for rows, block in self._texts(places, findings):
-            known = int(np.searchsorted(rows, self._dialect.first_row + done))
-            if known < len(rows):
-                yield rows[known:], [cells.slice(known) for cells in block]
-
-    def _texts(self, places: list[int], findings: _Findings) -> Iterator[_Rows]:
-        """Read the cells of some fields as text, whatever the rows are like."""
+        """Read the cells of some fields, whatever the rows are like, with the number of each row."""
         if not places:
             return
         keys = [str(j) for j in range(len(self._dialect.names))]
@@ -186,11 +144,16 @@ class DelimitedSource(Source):
                 parse_options=pc.ParseOptions(
                     delimiter=self._dialect.delimiter, newlines_in_values=True, invalid_row_handler=keep
                 ),
-                convert_options=cell_values.conversion(dict.fromkeys(places, pa.string()), "."),
+                convert_options=pc.ConvertOptions(
+                    include_columns=[str(j) for j in places],
+                    column_types={str(j): pa.string() for j in places},
+                    strings_can_be_null=True,
+                    null_values=list(MISSING_SPELLINGS),
+                ),
             )
             for batch in reader:
                 yield mend(batch.columns)
-            nothing = [pa.array([], pa.string())] * len(places)
+            nothing = [pa.nulls(0, pa.string())] * len(places)  # Unlike `array`, it does not import pandas
             yield mend(nothing, last=True, cut=not stream.ended_in_newline)
         except pa.ArrowInvalid as error:
             after = f"after row {mend.row - 1}"
@@ -257,7 +220,7 @@ class _Mending:
         filled = []
         for cells, place in zip(block, self.places, strict=True):
             texts = (fields[place] if place < len(fields) else "" for fields in added.values())
-            filled.append(pa.concat_arrays([cells, cell_values.of_texts(texts)]).take(pa.array(order)))
+            filled.append(pa.concat_arrays([cells, of_texts(texts)]).take(pa.array(order)))
         return rows[order], filled
 
     def _fields(self, row: int, text: str, *, cut: bool) -> list[str]:

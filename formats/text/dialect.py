@@ -8,15 +8,12 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING
 
 from formats.errors import FormatError
 from formats.limits import COLUMNS
+from formats.table import Kind
 from formats.text import unguarded
 from formats.text.cell_values import kind_of, number_pattern
-
-if TYPE_CHECKING:
-    from formats.table import Kind
 
 #: Tab before semicolon before comma, where two would do: a decimal comma looks like a comma.
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}

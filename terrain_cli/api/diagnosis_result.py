@@ -33,8 +33,7 @@ _CANDIDATES = (
     *("heldout_loss", "heldout_loss_se", "refitted", "in_family"),
 )
 _NOT_SHOWN = ["title", "score", "p_value", "heldout_loss", "heldout_loss_se", "refitted"]
-#: Candidates that a notebook shows.
-_SHOWN = 8
+_SHOWN = 8  # Candidates that a notebook shows
 
 
 @dataclass(frozen=True, repr=False)

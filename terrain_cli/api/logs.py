@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 import formats
+from formats import Batch, Column, Field, Stream
 from terrain_cli import models, telemetry
 from terrain_cli import rover as rovers
+from terrain_cli.effects import Effect
 from terrain_cli.errors import InputError
 from terrain_cli.models import ModelFile
+from terrain_cli.rover import Rover
 from terrain_cli.telemetry import Condition, Samples
+from terrain_cli.vocabulary.choices import Segments
 from terrain_cli.windows import cut_windows, joined_inputs
 from terrain_cli.windows.cut_windows import Windows
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from formats import Batch, Column, Field, Stream
-    from terrain_cli.effects import Effect
-    from terrain_cli.rover import Rover
-    from terrain_cli.vocabulary.choices import Segments
 
 #: The windows of a wheel, samples still to be cut, a log or a table, or several of these.
 Data = Windows | Samples | str | Path | pd.DataFrame | Sequence[Windows | Samples | str | Path]

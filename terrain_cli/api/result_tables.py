@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 
     from terrain_cli.views.plots import Drawn
 
-#: Of SI units, as they stand in the name of a column.
-_IN_NAMES = {"N m": "Nm"}
-#: Rows that a notebook shows.
-_MOST_ROWS = 50
+_IN_NAMES = {"N m": "Nm"}  # Of SI units, as they stand in the name of a column
+_MOST_ROWS = 50  # Rows that a notebook shows
 
 
 class Result(ABC):

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry import Samples
     from terrain_cli.views.plots import Drawn
 
-#: What the messages of errors call the arguments.
-_LABEL = "simulate()"
+_LABEL = "simulate()"  # What the messages of errors call the arguments
 
 
 @dataclass(frozen=True, repr=False)

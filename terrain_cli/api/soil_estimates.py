@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from terrain_cli import estimation
-from terrain_cli.api.logs import windows_of
+from terrain_cli.api.logs import Data, windows_of
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.estimators import Fitted
+from terrain_cli.models import ModelFile
 from terrain_cli.presentation import segment_table
 from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.vocabulary.choices import Method
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from terrain_cli.api.logs import Data
-    from terrain_cli.estimation.estimators import Fitted
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.choices import Method
-    from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows
 
 
 def estimate(

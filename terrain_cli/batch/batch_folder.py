@@ -32,8 +32,7 @@ _LOCK, _RECORDS, _NEW = "lock", "records", "new"
 ASSEMBLED = f"{STATE}/assembled"  # Of what the mission table in the folder was made
 #: What is written to where it lies; all else is made anew and put in its place.
 GROWING = (MANIFEST, f"{STATE}/{_LOCK}", f"{STATE}/{_RECORDS}")
-#: Bytes of an input's own name in that of its result, of the 255 that file systems take.
-_STEM_BYTES = 120
+_STEM_BYTES = 120  # Bytes of an input's own name in that of its result, of the 255 that file systems take
 
 
 class Folder:

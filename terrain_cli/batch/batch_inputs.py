@@ -6,12 +6,13 @@ import os
 import re
 import stat
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import formats
 from formats.byte_sources import kept, too_large
@@ -20,9 +21,6 @@ from formats.errors import FormatError, NotFoundError, shown
 from formats.source import natural, promised_kind
 from terrain_cli import version
 from terrain_cli.errors import ConfigurationError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 
 @dataclass(frozen=True)

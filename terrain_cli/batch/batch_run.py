@@ -9,32 +9,28 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import astuple, dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from formats.source import natural
 from terrain_cli.batch import batch_folder, batch_inputs, manifest
 from terrain_cli.batch.batch_folder import ASSEMBLED, CONFIGURATIONS, STATE, Folder
 from terrain_cli.batch.batch_inputs import Arrivals, Input
 from terrain_cli.batch.coordinator import Keeper, Tally
+from terrain_cli.batch.dask_cluster import Cluster
 from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records, decode
 from terrain_cli.batch.worker_pool import LocalPool
-from terrain_cli.batch.worker_tasks import Order, Reply
+from terrain_cli.batch.worker_tasks import Configuration, Order, Reply
 from terrain_cli.errors import InputError, TerrainError, UnfinishedError
+from terrain_cli.estimation import WindowEstimates
+from terrain_cli.presentation.segment_table import Table
 from terrain_cli.presentation.terminal import as_json
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from terrain_cli.batch.dask_cluster import Cluster
-    from terrain_cli.batch.worker_tasks import Configuration
-    from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.presentation.segment_table import Table
-
-    Report = Callable[[Tally], None]
+Report = Callable[[Tally], None]
 TABLE, SUMMARY = "segments", "summary.json"
 #: Inputs whose rows are held at a time.
 _AT_ONCE = 256

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
 from formats.recovery import told
 from terrain_cli.batch import batch_folder
 from terrain_cli.batch.batch_folder import Folder, result_name
+from terrain_cli.batch.batch_inputs import Input
+from terrain_cli.batch.dask_cluster import Cluster
 from terrain_cli.batch.manifest import ManifestEntry, uninterrupted
+from terrain_cli.batch.worker_pool import LocalPool
 from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Order, Reply, Restore, Task, failure
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from terrain_cli.batch.batch_inputs import Input
-    from terrain_cli.batch.dask_cluster import Cluster
-    from terrain_cli.batch.worker_pool import LocalPool
 
 _OVERHEAD = 1_000_000  # What an input costs beyond its bytes, in bytes: for the time that remains
 

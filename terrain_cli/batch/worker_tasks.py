@@ -7,31 +7,28 @@ import json
 import platform
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from hashlib import sha256
 from importlib.metadata import entry_points, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from formats.errors import CannotWriteError, FormatError, NotFoundError, shown
 from formats.limits import COPY_GB
 from terrain_cli import effects, estimation, models
 from terrain_cli.batch import batch_inputs, manifest
+from terrain_cli.batch.batch_inputs import Input
 from terrain_cli.errors import TerrainError
 from terrain_cli.estimation import estimators
+from terrain_cli.models import ModelFile
+from terrain_cli.presentation.segment_table import Table
+from terrain_cli.rover import Rover
+from terrain_cli.run.settings import Settings
 from terrain_cli.version import __version__
 from terrain_cli.vocabulary import toml_files
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from terrain_cli.batch.batch_inputs import Input
-    from terrain_cli.models import ModelFile
-    from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.rover import Rover
-    from terrain_cli.run.settings import Settings
 
 FORMAT = "terrain-est/batch-configuration/1"
 _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "rosbags")

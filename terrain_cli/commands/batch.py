@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 #: Seconds between two pictures on a terminal, and between two lines in a file.
 _ON_TERMINAL, _IN_FILE = 0.2, 10.0
 _GIGA = 1e9
-#: Remarks that are told; a mission may have thousands.
-_TOLD = 5
+_TOLD = 5  # Remarks that are told; a mission may have thousands
 
 
 class Rate:

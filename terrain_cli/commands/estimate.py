@@ -15,13 +15,13 @@ from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import Progress, StatusLine, as_json, in_lines, say
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
+    from terrain_cli.presentation.segment_files import GrowingTable
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.run.one_log import Outcome
     from terrain_cli.run.settings import Settings
-    from terrain_cli.stream.growing_table import GrowingTable
     from terrain_cli.views.plots import LivePictures
 
 #: What needs the whole log, and what is about several inputs.
@@ -142,7 +142,7 @@ def command(context: click.Context, /, **_: Any) -> None:
             formats.output_kind(given[name])
     segment_files.check(given["output"], given["samples"], given["crs"])
     settings = options.settings(given)
-    outcomes = list(_outcomes(logs, rover, settings, jobs=given["jobs"], quiet=given["quiet"]))
+    outcomes = _outcomes(logs, rover, settings, jobs=given["jobs"], quiet=given["quiet"])
     _write(outcomes, settings, given)
 
 
@@ -199,30 +199,23 @@ def _write(  # noqa: C901 - one branch for each thing asked for
 
 def _outcomes(
     logs: Sequence[str], rover: Rover, settings: Settings, *, jobs: int, quiet: bool
-) -> Iterable[Outcome]:
+) -> list[Outcome]:
     """Run every input, in order, with a progress bar once it has taken a second."""
-    from terrain_cli.processes import cores
+    from terrain_cli import processes
     from terrain_cli.run import one_log
 
-    with Progress(len(logs), enabled=not quiet) as progress:
-        if jobs == 1 or len(logs) == 1:
-            for path in logs:
-                yield one_log.run(
-                    path, rover, settings, progress=partial(progress.say, path), beside=cores() > 1
-                )
-                progress.advance()
-            return
-        from concurrent.futures import ProcessPoolExecutor
+    with Progress(len(logs), enabled=not quiet) as progress, processes.jobs(jobs):
 
-        with ProcessPoolExecutor(min(jobs, len(logs))) as pool:
-            futures = [pool.submit(one_log.run, path, rover, settings) for path in logs]
-            try:
-                for path, future in zip(logs, futures, strict=True):
-                    progress.say(path, "")
-                    yield future.result()
-                    progress.advance()
-            finally:
-                pool.shutdown(cancel_futures=True)
+        def begin(path: str) -> None:
+            if path != logs[0]:
+                progress.advance()
+            progress.say(path, "")
+
+        work = partial(one_log.run, rover=rover, settings=settings)
+        if min(jobs, len(logs)) == 1:
+            # What shows the progress cannot be sent to another process.
+            work = partial(work, progress=progress.say, beside=processes.cores() > 1)
+        return processes.each(work, logs, begin)
 
 
 def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
@@ -230,8 +223,8 @@ def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Map
     from formats.byte_sources import ArrivingBytes
     from terrain_cli import processes
     from terrain_cli.estimation import estimators
+    from terrain_cli.presentation.segment_files import AGAIN, OPEN, GrowingTable
     from terrain_cli.stream.follow import Follow
-    from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
 
     path, file = _followed(inputs, logs)
     for name in _WHOLE:
@@ -299,8 +292,7 @@ class _Teller:
         self._table, self._pictures, self._quiet = table, pictures, quiet
         self._drawing = not quiet and sys.stderr.isatty()
         self._line = StatusLine()
-        #: Leaves an empty line for what is written next.
-        self.wipe = self._line.wipe
+        self.wipe = self._line.wipe  # Leaves an empty line for what is written next
 
     def closed(self, row: Table) -> None:
         self._write(row)
@@ -314,7 +306,7 @@ class _Teller:
         if self._table:
             self._table.add(row, mark)
         else:
-            from terrain_cli.stream.growing_table import readable
+            from terrain_cli.presentation.segment_files import readable
 
             say(f"{mark}  {readable(row)}" if mark else readable(row))
 

@@ -9,13 +9,11 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from terrain_cli.errors import ConfigurationError
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
 
 _OF_SEGMENT = ("source", "wheel", "segment")
 _SEGMENTS, _SAMPLES = (*_OF_SEGMENT, "terrain", "t_start_s"), (*_OF_SEGMENT, "sample", "time_s")

@@ -38,8 +38,7 @@ CONTEXT = {"auto_envvar_prefix": "TERRAIN_EST"}
 MOST_SAMPLES = 10**12
 _MOST_FOLDS = 10**6
 
-#: Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground.
-_MOST_AMOUNT = 1e9
+_MOST_AMOUNT = 1e9  # Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground
 
 
 class Amount(click.FloatRange):

@@ -7,11 +7,12 @@ work begins: by what the files are, not by their names, so that a link to an inp
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 from click.shell_completion import CompletionItem
@@ -20,9 +21,6 @@ from terrain_cli.commands import named_files
 from terrain_cli.commands.named_files import Sign, content, identity, logs_of, resolved, text
 from terrain_cli.errors import UsageError
 from terrain_cli.vocabulary.choices import BASES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from terrain_cli.commands import options, paths
 from terrain_cli.errors import ConfigurationError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
 
 _EFFECT = re.compile(r"(?P<name>.+?)(?::(?P<values>[^:/\\]*=[^:/\\]*))?")
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")

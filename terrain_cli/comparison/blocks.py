@@ -15,13 +15,11 @@ from terrain_cli.vocabulary.arrays import Array, Index
 #: Canadian Journal of Economics 56(3), doi 10.1111/caje.12661).
 WEBB = np.sqrt([0.5, 1.0, 1.5])
 DRAWS = 1999
-#: Draws of one matrix product.
-_SLAB = 500
+_SLAB = 500  # Draws of one matrix product
 #: Joined blocks at the least, and how much longer than neighbours seem related on average they are. Over soil
 #: that varies every 8 s, 9 of 80 tuning drives raised an alarm with short blocks, and 2 of 38 with these.
 _FEWEST, _LONGER = 12, 4
-#: Keeps the logarithm of an error of 0 finite.
-_TINY = 1e-300
+_TINY = 1e-300  # Keeps the logarithm of an error of 0 finite
 
 
 class Interval(NamedTuple):

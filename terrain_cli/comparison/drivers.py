@@ -15,12 +15,10 @@ from terrain_cli.windows.cut_windows import Windows, at_rows
 
 #: Channels that are predicted, or what predicted ones were derived from.
 _LEFT_OUT = frozenset({"time", "torque", "drawbar_pull", "entry_angle", "motor_current"})
-#: The place, where x and y do not say it.
-_PLACE = frozenset({"longitude", "latitude"})
+_PLACE = frozenset({"longitude", "latitude"})  # The place, where x and y do not say it
 #: Columns that say how far another one scatters, and drive nothing.
 _SCATTER = re.compile(r"(^|[_ ])(std|stdev|stddev|sd|sigma|variance)($|[_ ])", re.IGNORECASE)
-#: Angle through which the wheel has turned: what grousers and an eccentric hub follow.
-ANGLE = "wheel_angle"
+ANGLE = "wheel_angle"  # Angle through which the wheel has turned: what grousers and an eccentric hub follow
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
 PARTS = frozenset({"segment"})
 

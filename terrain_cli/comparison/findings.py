@@ -23,8 +23,7 @@ from terrain_cli.vocabulary.quantities import listed, quantity
 #: Samples of all wheels that are searched, evenly thinned: what only more of them would show is too
 #: small to be reported.
 MOST_SAMPLES = 60_000
-#: Segments named in a finding.
-_WORST = 3
+_WORST = 3  # Segments named in a finding
 
 
 def _precision(wheel: FittedWheel) -> Array:

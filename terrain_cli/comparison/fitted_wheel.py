@@ -30,14 +30,10 @@ from terrain_cli.windows.cut_windows import Windows, at_rows, by_terrain
 
 #: Channels that a model without effects reads, explains or is compared with.
 _READ = (*smoothed_channels.INTERPOLATED, "torque", "drawbar_pull")
-#: Samples that tell over which gap channels are interpolated best (judged).
-_TELL = 1_000
-#: Most samples to which one soil is fitted.
-_MOST_COMMON = 30_000
-#: Times that test points are weighed anew by what the model leaves of them.
-_WEIGHED = 3
-#: Prior standard deviations within which a search begins.
-_FAR = 3.0
+_TELL = 1_000  # Samples that tell over which gap channels are interpolated best (judged)
+_MOST_COMMON = 30_000  # Most samples to which one soil is fitted
+_WEIGHED = 3  # Times that test points are weighed anew by what the model leaves of them
+_FAR = 3.0  # Prior standard deviations within which a search begins
 
 
 class FittedWheel:

@@ -15,10 +15,8 @@ from terrain_cli.vocabulary.quantities import the_wheel
 
 #: Parts in turn left out of a segment that is a single block, and of a log to tell one soil from several.
 PARTS, _PARTS_OF_LOG = 4, 24
-#: Farthest that a parameter moves when a block is left out, in widths of its prior.
-FARTHEST = 2.0
-#: Mean square of a change, in units of the noise, from which on it is looked at twice.
-_FAR = 0.05
+FARTHEST = 2.0  # Farthest that a parameter moves when a block is left out, in widths of its prior
+_FAR = 0.05  # Mean square of a change, in units of the noise, from which on it is looked at twice
 
 
 def folds(window: Index, block: Index) -> Index:

@@ -14,10 +14,8 @@ from terrain_cli.vocabulary.arrays import Array, Index
 _THRESHOLDS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 #: The longest stretch that is tried, in tenths of the samples: what is longer is a step or two.
 _LONGEST_STRETCH = 4
-#: Parts of a driver's range within which a saturating curve levels off.
-_SCALES = (0.1, 0.25)
-#: A driver of so few values is taken as steps between them.
-_FEW_LEVELS = 6
+_SCALES = (0.1, 0.25)  # Parts of a driver's range within which a saturating curve levels off
+_FEW_LEVELS = 6  # A driver of so few values is taken as steps between them
 #: Turns of the wheel that one period may take, in parts of a turn.
 HARMONICS = (1, 2, 3, 4, 6, 8, 9, 10, 12, 15, 16, 18, 20, 24, 30, 36)
 

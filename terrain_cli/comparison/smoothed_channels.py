@@ -19,8 +19,7 @@ _WAYS = ((2, 3), (1, 2), (0, 1))
 #: Share by which a channel grows with the load, over the load's own: sinkage by 1 / (n + ½) of an ordinary
 #: soil, less on a hard layer, torque as friction does.
 _ANSWERS = {"sinkage": 0.75, "torque": 1.0}
-#: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
-_MOST_SHARE = 1.5
+_MOST_SHARE = 1.5  # Most by which an interpolation is drawn out, as its neighbours flatten what changes fast
 #: Samples left out on either side where channels are first interpolated from their neighbours.
 GAPS = dict.fromkeys(INTERPOLATED, _WAYS[0][0])
 #: Channels that change pull and torque in proportion, beside slip.

@@ -26,17 +26,13 @@ _ITERATIONS, _ROUNDS = 24, 2
 #: Damping at first; the least factor by which a step that falls as promised eases it, and the factor by which
 #: one that does not fall raises it, twice as much each time (Madsen, Nielsen & Tingleff 2004, section 3.2).
 _DAMPING, _EASED, _HARDER = 1e-3, 1.0 / 3.0, 2.0
-#: Samples of a window with which a search is begun.
-_ROUGH = 400
-#: Times that a neutral soil's stiffness is corrected.
-_CARRIED = 3
+_ROUGH = 400  # Samples of a window with which a search is begun
+_CARRIED = 3  # Times that a neutral soil's stiffness is corrected
 #: Fall of the cost that the next step promises, as a share, at which the search is over; and at which the
 #: beginning is known that leads lowest.
 _SETTLED, _ROUGHLY = 1e-5, 1e-3
-#: Share of a sinkage, and of the samples, from which on a change is more than a small one.
-_FAR = 0.1
-#: Independent values that a misfit has in a block.
-_PER_BLOCK = 4.0
+_FAR = 0.1  # Share of a sinkage, and of the samples, from which on a change is more than a small one
+_PER_BLOCK = 4.0  # Independent values that a misfit has in a block
 
 
 @dataclass(frozen=True, kw_only=True)

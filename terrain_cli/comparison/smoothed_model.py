@@ -18,15 +18,12 @@ from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry, predict
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: Deviations of the noise beyond which a residual weighs less.
-BEND = 3.0
-#: Residual, in deviations, where the model has no answer.
-NO_ANSWER = 10.0
+BEND = 3.0  # Deviations of the noise beyond which a residual weighs less
+NO_ANSWER = 10.0  # Residual, in deviations, where the model has no answer
 #: Nodes on each arc while parameters are sought and differentiated: forces right to 1e-4.
 ORDER = 6
 _STIFFNESS = "stiffness"
-#: Share of the load by which what the soil carries may be off one step from a sinkage.
-_CARRIES = 0.2
+_CARRIES = 0.2  # Share of the load by which what the soil carries may be off one step from a sinkage
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,10 +17,8 @@ from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: Correlations beyond this are not believed: the covariance must keep an inverse.
-_MOST = 0.98
-#: No channel is so small in its SI unit.
-_ZERO = 1e-30
+_MOST = 0.98  # Correlations beyond this are not believed: the covariance must keep an inverse
+_ZERO = 1e-30  # No channel is so small in its SI unit
 
 
 @dataclass(frozen=True)

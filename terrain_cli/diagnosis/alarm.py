@@ -23,8 +23,7 @@ from terrain_cli.mechanics.rates import LEADS
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: Blocks of which all choices of signs are tried.
-_FEW = 8
+_FEW = 8  # Blocks of which all choices of signs are tried
 
 
 def of_gain(gain: Array) -> float:

@@ -23,8 +23,7 @@ from terrain_cli.models import ASSUMPTIONS
 from terrain_cli.vocabulary.quantities import counted, listed
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
-#: Channels to be recorded, and places, that a sentence names.
-_MOST_NAMED = 4
+_MOST_NAMED = 4  # Channels to be recorded, and places, that a sentence names
 #: What tells the soil from an effect: soil stays in its place, and neither slopes nor heat nor wear do.
 _BACK = "drive beside this track in the opposite direction"
 

@@ -25,14 +25,12 @@ from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import listed
 
-#: Quantities that a draft changes: what a channel shows, then what is in the ground.
-SHOWN = tuple(UNITS)
+SHOWN = tuple(UNITS)  # Quantities that a draft changes: what a channel shows, then what is in the ground
 #: What models read from a sensor, of which a draft changes the zero and the gain.
 _READ = ("load", "slip")
 SENSED = (*SHOWN, *_READ)
 IN_THE_GROUND = ("tan_phi", "cohesion", "stiffness", "shear_modulus")
-#: Drivers of which no law is made: these are predicted.
-_NO_CAUSE = frozenset({"torque", "drawbar_pull"})
+_NO_CAUSE = frozenset({"torque", "drawbar_pull"})  # Drivers of which no law is made: these are predicted
 #: Place and clock stand for something else: a drifting sensor, a tether, a soil that varies.
 ALONG = frozenset({"time", "x", "y", "elevation", "longitude", "latitude"})
 #: Shapes, the plainest first.
@@ -42,12 +40,9 @@ _ACCELERATION, _SLOPE = "acceleration", "velocity_rate"
 #: How large a law of a quantity may well be: at least this, or this part of what was measured.
 _USUAL = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002, "load": 3.0, "slip": 0.01}
 _PART = 0.1
-#: The same of a property of the soil, as a part of it.
-_OF_SOIL = 0.2
-#: Part of a driver's range at which a saturating law has most of its effect.
-_BEND = 0.3
-#: Values of a driver at which a step is tried.
-_PLACES = 81
+_OF_SOIL = 0.2  # The same of a property of the soil, as a part of it
+_BEND = 0.3  # Part of a driver's range at which a saturating law has most of its effect
+_PLACES = 81  # Values of a driver at which a step is tried
 
 
 @dataclass(frozen=True)

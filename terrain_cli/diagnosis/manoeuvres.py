@@ -15,16 +15,12 @@ from terrain_cli.telemetry.effect_inputs import RUT
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.quantities import number
 
-#: Hz.
-RATE = 10.0
-#: K by which a motor is warmed.
-_WARMER = 40.0
-#: m/s, where no speed was measured.
-_SPEED = 0.1
+RATE = 10.0  # Hz
+_WARMER = 40.0  # K by which a motor is warmed
+_SPEED = 0.1  # m/s, where no speed was measured
 #: Sinkage goes with the load to this power where no model predicts it: Bekker's 2/(2n + 1) for n = 1.
 _SINKS = 2.0 / 3.0
-#: s in which a wheel goes from half of its speed to twice of it, or back.
-_SPURT = 5.0
+_SPURT = 5.0  # s in which a wheel goes from half of its speed to twice of it, or back
 #: Shares of the load that are left on a lifted wheel, and that a heavy one carries.
 _LIFTED, _HEAVY = 0.1, 2.0
 #: Share of the usual speed below which a wheel that stops and turns round is left out: laws of speed are
@@ -38,8 +34,7 @@ _CHECKS = {
     "slip": "measure the distance of ten turns on firm ground, and correct the radius of rover.toml by it",
     "torque": "calibrate the torque with a known brake",
 }
-#: Turned round while the wheel drives backwards.
-_MIRRORED = ("pitch", "roll")
+_MIRRORED = ("pitch", "roll")  # Turned round while the wheel drives backwards
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,12 +31,9 @@ from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.effect_inputs import RUT, rate_of, sources
 from terrain_cli.vocabulary.arrays import Array
 
-#: Rounds until what is measured and what is predicted from it agree.
-_ROUNDS = 3
-#: Neighbours on either side of a sample from which a rate is taken: 0.2 s.
-_REACH = 2
-#: Samples of a manoeuvre of which one is forecast.
-_STEP = 4
+_ROUNDS = 3  # Rounds until what is measured and what is predicted from it agree
+_REACH = 2  # Neighbours on either side of a sample from which a rate is taken: 0.2 s
+_STEP = 4  # Samples of a manoeuvre of which one is forecast
 
 
 class PowerLog:
@@ -61,8 +58,7 @@ class PowerLog:
             step = float(np.median(steps)) if len(steps) else 1.0 / manoeuvres.RATE
             self.new_inflation = max(self.inflation * step * manoeuvres.RATE, square)
         counts = np.bincount(self.part.window[self.part.use], minlength=self.part.windows)
-        #: The soil of the new drive: that on which most was driven.
-        self.window = int(np.argmax(counts))
+        self.window = int(np.argmax(counts))  # The soil of the new drive: that on which most was driven
 
 
 @dataclass(frozen=True)
@@ -249,8 +245,7 @@ def _measured(
     return new
 
 
-#: s that a manoeuvre lasts.
-SECONDS = 60.0
+SECONDS = 60.0  # s that a manoeuvre lasts
 
 
 def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[NextDrive]:

@@ -23,8 +23,7 @@ from terrain_cli.telemetry.effect_inputs import sources
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS
 
-#: Samples that are screened.
-_MOST = 4_000
+_MOST = 4_000  # Samples that are screened
 
 
 @dataclass(frozen=True)

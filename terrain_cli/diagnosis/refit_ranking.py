@@ -74,12 +74,9 @@ def doubt(data: Ground, hypothesis: Hypothesis, one: Refit) -> str:
     return "left open by the data" if left_open(data, hypothesis, one) else ""
 
 
-#: Powers of its own size by which an effect is bent into other forms.
-FORMS = (0.0, 0.5, -0.4)
-#: What a bent effect is at the least and at the most, in its usual sizes.
-_BENT = (0.05, 4.0)
-#: Draws of the noise for each form.
-DRAWS = 60
+FORMS = (0.0, 0.5, -0.4)  # Powers of its own size by which an effect is bent into other forms
+_BENT = (0.05, 4.0)  # What a bent effect is at the least and at the most, in its usual sizes
+DRAWS = 60  # Draws of the noise for each form
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,9 @@ from terrain_cli.models import ModelFile, model_change
 from terrain_cli.telemetry.effect_inputs import CONSTANTS, sources
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: Channel that tells one part of a drive from another, as a change of soil does.
-DRIVEN_BEFORE = "pass_number"
-#: Samples of all wheels that are scored, evenly thinned.
-MOST_SAMPLES = 6_000
-#: Precision of the prior about the null: it is five typical sizes wide.
-_PRECISION = 5.0**-2.0
+DRIVEN_BEFORE = "pass_number"  # Channel that tells one part of a drive from another, as a change of soil does
+MOST_SAMPLES = 6_000  # Samples of all wheels that are scored, evenly thinned
+_PRECISION = 5.0**-2.0  # Precision of the prior about the null: it is five typical sizes wide
 
 
 @dataclass(kw_only=True)

@@ -28,10 +28,8 @@ from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import counted, listed, the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
-#: Samples of all wheels that are fitted.
-MOST_SAMPLES = 3_000
-#: Bounds of a residual, in deviations of the noise.
-_WILD = 10.0
+MOST_SAMPLES = 3_000  # Samples of all wheels that are fitted
+_WILD = 10.0  # Bounds of a residual, in deviations of the noise
 
 
 class Instead(NamedTuple):

@@ -69,8 +69,7 @@ def decide(
     return Decision(verdict="effect" if earned else "family", family=family)
 
 
-#: How a verdict ends where a law of its own was drafted.
-OFFER = "--draft FILE.toml writes the law."
+OFFER = "--draft FILE.toml writes the law."  # How a verdict ends where a law of its own was drafted
 
 
 def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str] = ()) -> str:

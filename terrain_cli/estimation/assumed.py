@@ -26,14 +26,11 @@ from terrain_cli.windows.cut_windows import Windows
 _SOME, _GROUP = 60, 20_000
 #: c1 and c2 of θm = (c1 + c2 i) θ1: Iagnemma et al. 2004, and loose and compact sand (Wong & Reece 1967).
 _SHAPES = ((0.5, 0.0), (0.18, 0.32), (0.43, 0.32))
-#: n in the middle of Table II of Iagnemma et al. 2004; keq follows from the loads.
-_EXPONENT = 0.85
-#: Nodes on each arc: 1e-4 of the forces.
-_ORDER = 8
+_EXPONENT = 0.85  # n in the middle of Table II of Iagnemma et al. 2004; keq follows from the loads.
+_ORDER = 8  # Nodes on each arc: 1e-4 of the forces
 #: Least and greatest c in Pa and tan φ of soils: c as far as four standard deviations of `unknowns.DEFAULT`.
 _SOILS = (np.array([0.0, 0.05]), np.array([22.5e3, np.tan(LARGEST_PHI)]))
-#: Standard deviation of c over published soils, Pa: one that errs by more is not told.
-_SPREAD_C = 5e3
+_SPREAD_C = 5e3  # Standard deviation of c over published soils, Pa: one that errs by more is not told
 #: Steps in c and tan φ that tell how the estimate moves with the soil, and steps towards it.
 _STEPS, _NEWTON = np.array([1e3, 0.05]), 3
 

@@ -31,8 +31,7 @@ from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.cut_windows import Windows
 from terrain_cli.windows.joined_inputs import with_inputs
 
-#: Source, wheel and number of a segment.
-Place = tuple[str, str, int]
+Place = tuple[str, str, int]  # Source, wheel and number of a segment
 
 
 class _OnSoils(NamedTuple):

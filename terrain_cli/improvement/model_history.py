@@ -103,8 +103,7 @@ def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-#: Digits of a number that is kept: far more than its interval has.
-_DIGITS = 6
+_DIGITS = 6  # Digits of a number that is kept: far more than its interval has
 
 
 def untested(action: Action, changed: Sequence[str], after: ModelFile) -> dict[str, Any]:

@@ -16,8 +16,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from terrain_cli.vocabulary.arrays import Array, Mask
 
-#: The derivative that changes nothing: no product is formed with it.
-_SAME = 1.0
+_SAME = 1.0  # The derivative that changes nothing: no product is formed with it
 #: Derivatives by each argument, from the arguments and the result.
 _ONE: dict[np.ufunc, Callable[[Any, Any], Any]] = {
     np.negative: lambda _x, _y: -1.0,
@@ -149,13 +148,11 @@ def seed(x: Any, name: str) -> Dual:
     return Dual(np.asarray(x, dtype=float), {name: _SAME})
 
 
-#: Stands for the unknown among the names of derivatives.
-UNKNOWN = "(unknown)"
+UNKNOWN = "(unknown)"  # Stands for the unknown among the names of derivatives
 #: Most steps: Newton takes a handful, bisection alone would take 50; and steps after which a soil is asked
 #: whether it carries the load at all.
 _STEPS, _PATIENCE = 100, 7
-#: Error that a root may have, as a share.
-CLOSE = 1e-12
+CLOSE = 1e-12  # Error that a root may have, as a share
 
 
 def carrying(

@@ -32,8 +32,7 @@ QUANTITIES: dict[str, str] = {
     "drawbar_pull": "N",
 }
 
-#: Slip below which, with its sign, a wheel skids: nearer to 0 it may be noise.
-SKID = 0.05
+SKID = 0.05  # Slip below which, with its sign, a wheel skids: nearer to 0 it may be noise
 
 #: What a law reads and gives: arrays, or numbers with derivatives. ``q["slip"]`` is a channel, a
 #: quantity as it stands when the law is reached, a parameter of the effect by its own name, or one of
@@ -42,16 +41,12 @@ Quantities = Mapping[str, Any]
 Law = Callable[[Quantities], Any]
 
 
-#: Standard errors from its null at which a parameter is on the wrong side of it.
-CERTAIN = 3.0
+CERTAIN = 3.0  # Standard errors from its null at which a parameter is on the wrong side of it
 #: Load in N and radius in m of the wheel of Iagnemma et al. (2004), for which sizes of parameters are told.
 _PAPER_WHEEL = (98.1, 0.1)
-#: Those that no wheel exceeds: a haul truck has 1e6 N on each, of a radius of 2 m.
-_LARGEST_WHEEL = (1e7, 5.0)
-#: Distance from a bound, in typical sizes, that is none.
-_NEAR = 0.01
-#: Multiples of its null at which a parameter that only shapes an effect is tried.
-_MULTIPLES = (0.3, 1.0, 3.0)
+_LARGEST_WHEEL = (1e7, 5.0)  # Those that no wheel exceeds: a haul truck has 1e6 N on each, of a radius of 2 m
+_NEAR = 0.01  # Distance from a bound, in typical sizes, that is none
+_MULTIPLES = (0.3, 1.0, 3.0)  # Multiples of its null at which a parameter that only shapes an effect is tried
 #: And shares of what a drive reaches, where it lies within that. Stress is greatest where a rim has pressed
 #: the soil to three quarters of the sinkage: a layer further down shows nothing.
 _SHARES = (0.2, 0.35, 0.5, 0.65)

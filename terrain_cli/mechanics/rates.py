@@ -25,18 +25,14 @@ LEADS = (0.1, 0.2, 0.4, 0.8, 1.6)
 #: shorter than its contact, but sinkage wanders there: in sand simulated as a continuum, of a relaxation of
 #: 0.04 m, lines of no length find 0.025 m, of a quarter 0.034, of a half 0.038, of a whole radius 0.047.
 _CONTACT, _PLACES = 0.5, 8
-#: Parts of a stretch.
-_PARTS = 3
+_PARTS = 3  # Parts of a stretch
 #: Samples and turns from grouser to grouser that tell a phase.
 _FEWEST, _TURNS = 12, 1.5
-#: Least noise of a channel, as a share of its size.
-_ROUNDING = 1e-9
-#: Share of its samples that a channel has to have.
-_KNOWN = 0.5
+_ROUNDING = 1e-9  # Least noise of a channel, as a share of its size
+_KNOWN = 0.5  # Share of its samples that a channel has to have
 #: Seen from the other one of two samples, what each of the sums of lines gets of this one.
 _TURNED = np.array([[1.0], [-1.0], [-1.0], [1.0], [1.0]])
-#: Times its power in noise at which a ripple stands out: below, there is nothing to align.
-_STANDS_OUT = 4.0
+_STANDS_OUT = 4.0  # Times its power in noise at which a ripple stands out: below, there is nothing to align
 
 
 def rate(

@@ -31,10 +31,8 @@ SOIL: dict[Base, tuple[str, ...]] = {
 }
 #: What the triangular stresses know nothing of: their load is given, not carried by a pressure.
 _NOT_LINEAR = frozenset({"stiffness", "sinkage_exponent", "normal_stress", "shear_stress"})
-#: Their laws turn what is measured into what the soil feels.
-_MEASURED = frozenset({"slip", "load"})
-#: Deepest θ1 for which a sinkage is sought, in rad: a wheel sunk to its axle is stuck.
-DEEPEST = 1.5
+_MEASURED = frozenset({"slip", "load"})  # Their laws turn what is measured into what the soil feels
+DEEPEST = 1.5  # Deepest θ1 for which a sinkage is sought, in rad: a wheel sunk to its axle is stuck
 #: Least values of what a law may have driven through zero.
 _LEAST = {"shear_modulus": 1e-6, "stiffness": 1.0, "sinkage_exponent": 0.05}
 #: Share of a sinkage by which it may be off where a caller settles for fewer nodes: less than these leave.

@@ -3,39 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from terrain_cli.comparison import Comparison, comparison_criteria
+from terrain_cli.comparison.blocks import Interval
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.diagnosis.diagnosis_outcome import too_few
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, too_few
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import held_out_error
+from terrain_cli.improvement.improvement_outcome import (
+    Action,
+    ChannelChange,
+    Estimated,
+    Shift,
+    Step,
+    Stopped,
+)
+from terrain_cli.improvement.model_history import Rung
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.quantities import counted, listed
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from terrain_cli.comparison.blocks import Interval
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked
-    from terrain_cli.improvement.improvement_outcome import (
-        Action,
-        ChannelChange,
-        Estimated,
-        Shift,
-        Step,
-        Stopped,
-    )
-    from terrain_cli.improvement.model_history import Rung
-
 FORMAT = "terrain-est/model-change/1"
 LOOP_FORMAT = "terrain-est/model-loop/1"
-#: Rows of a table that a person reads.
-_MOST_ROWS = 12
+_MOST_ROWS = 12  # Rows of a table that a person reads
 
 
 def verdict(step: Step) -> str:

@@ -3,36 +3,31 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison.comparison_outcome import segment_soils
+from terrain_cli.comparison.comparison_outcome import (
+    ChannelErrors,
+    Comparison,
+    Difference,
+    Finding,
+    WheelComparison,
+    segment_soils,
+)
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.conclusion import Conclusion, conclude
 from terrain_cli.diagnosis.diagnosis_outcome import Asked, Evidence
+from terrain_cli.estimation import WindowEstimates
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted, entries, known, listed, quantity, short
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from terrain_cli.comparison.comparison_outcome import (
-        ChannelErrors,
-        Comparison,
-        Difference,
-        Finding,
-        WheelComparison,
-    )
-    from terrain_cli.estimation import WindowEstimates
-
 FORMAT = "terrain-est/comparison/1"
-#: What tells a segment from others.
-_PLACE = ("source", "wheel", "segment")
-#: Segments that a finding names, and a person reads.
-_WORST = 3
+_PLACE = ("source", "wheel", "segment")  # What tells a segment from others
+_WORST = 3  # Segments that a finding names, and a person reads
 
 
 def conclusion_of(evidence: Evidence, comparison: Comparison, asked: Asked | None = None) -> Conclusion:

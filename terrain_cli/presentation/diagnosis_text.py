@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import conclusion
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, NextDrive
+from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement import model_history
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import entries, known, listed, quantity, short
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, NextDrive
-    from terrain_cli.diagnosis.screening import Screened
 
 FORMAT = "terrain-est/diagnosis/1"
 _ALARM = ("raised", "p_value", "level", "gain", "gain_se", "cause", "channel", "share", "smallest_share")
@@ -25,10 +22,8 @@ _UNKNOWN = ("channel", "driver", "form", "explained", "sentence", "alternatives"
 _LEGEND = (
     "explains: share of the misfit; survives: share of the effect's signature that no change of soil imitates"
 )
-#: Candidates that a person reads.
-_SHOWN = 8
-#: Effects whose scores one reads while the fits go on.
-_EARLY = 5
+_SHOWN = 8  # Candidates that a person reads
+_EARLY = 5  # Effects whose scores one reads while the fits go on
 
 
 def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> dict[str, Any]:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
+from terrain_cli.effects.laws.effect_file import Understood
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter
+from terrain_cli.models import Assumption
 from terrain_cli.presentation.terminal import aligned
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from terrain_cli.effects.laws.effect_file import Understood
-    from terrain_cli.models import Assumption
 
 LIST_FORMAT = "terrain-est/effects/1"
 CHECK_FORMAT = "terrain-est/effects-check/1"

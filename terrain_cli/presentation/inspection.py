@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import formats
+from formats import Column, Source, Stream
 from formats.content import FILE_KINDS
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.presentation.terminal import aligned
+from terrain_cli.rover import Rover
 from terrain_cli.rover.vehicle import FILE_NAME
 from terrain_cli.telemetry import bags, rover_advice, topic_discovery
 from terrain_cli.telemetry.alignment import seconds
@@ -20,30 +24,19 @@ from terrain_cli.telemetry.assembly import Request, assemble, lacking, wheel_of
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.raw_columns import read_topics, stamps
+from terrain_cli.telemetry.wheel_samples import Plan, Raw
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats import Column, Source, Stream
-    from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.wheel_samples import Plan, Raw
-    from terrain_cli.vocabulary.arrays import Array
 
 FORMAT = "terrain-est/inspection/1"
 #: Positions need more digits than measurements.
 _FORMATS = dict.fromkeys(("longitude", "latitude"), ".6f") | dict.fromkeys(
     ("time", "x", "y", "elevation"), ".2f"
 )
-#: Larger times are seconds since 1970.
-_EPOCH = 1e8
-#: The end of the year 9999, after which dates have no common way to be written; s.
-_LAST = 253_402_300_799
-#: A line of names longer than this is broken.
-_WIDTH = 100
+_EPOCH = 1e8  # Larger times are seconds since 1970
+_LAST = 253_402_300_799  # The end of the year 9999, after which dates have no common way to be written; s
+_WIDTH = 100  # A line of names longer than this is broken
 
 
 def inspect(
@@ -100,8 +93,8 @@ def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[s
     layout, tables, raws, lacks = holdings(source, rover, wheels)
     used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
     found = [_wheel(source, layout, raw, rover, lacks[raw.wheel]) for raw in raws]
-    other = {wheel.pop("rover_toml", "") for wheel in found} - {""}
-    clocks = {topic: stamps(table)[0] for topic, table in (tables or {}).items() if topic in used}
+    other = filter(None, dict.fromkeys(wheel.pop("rover_toml", "") for wheel in found))
+    clocks = {topic: stamps(table) for topic, table in (tables or {}).items() if topic in used}
     streams = [_stream(stream, clocks.get(stream.topic)) for stream in source.streams()]
     if is_table(source) and streams[0]["records"] is None:
         first = streams[0]["fields"][0]["name"]

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
+from formats import Source
 from terrain_cli.errors import TerrainError
 from terrain_cli.presentation import inspection
+from terrain_cli.presentation.inspection import Holdings
 from terrain_cli.presentation.terminal import in_line
 from terrain_cli.rover import Rover
 from terrain_cli.telemetry import rover_advice, topic_discovery
 from terrain_cli.telemetry.mapping import is_table
+from terrain_cli.telemetry.wheel_samples import Feed, Raw
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from formats import Source
-    from terrain_cli.presentation.inspection import Holdings
-    from terrain_cli.telemetry.wheel_samples import Feed, Raw
 
 _TOP = """\
 # rover.toml for {name}, drafted from what the log holds.

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence, Sized
 from itertools import chain
 from sys import intern
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.estimation import WindowEstimates, assumed
-from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
+from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import the_wheel
+from terrain_cli.windows.cut_windows import Windows
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence, Sized
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
-    from terrain_cli.telemetry.wheel_samples import Samples
-    from terrain_cli.vocabulary.arrays import Array, Index
-    from terrain_cli.windows.cut_windows import Windows
-
-    Table = dict[str, Any]
+Table = dict[str, Any]
 
 #: In this order; scripts and GIS projects are built on it.
 COLUMNS = (
@@ -53,8 +48,7 @@ _SAMPLE_COLUMNS = {
     "longitude": "longitude_deg",
     "latitude": "latitude_deg",
 }
-#: Vertices of a segment's line at the most: enough to see its course on a map.
-VERTICES = 64
+VERTICES = 64  # Vertices of a segment's line at the most: enough to see its course on a map
 #: Rows of c and φ, and rows of two parameters.
 GRID, PARAMETER = "grid", "parameter"
 _POSTERIOR = (
@@ -62,8 +56,7 @@ _POSTERIOR = (
     *("parameter", "unit", "value", "se", "prior", "prior_sd", "other", "covariance", "correlation"),
 )
 _POSTERIOR_TEXTS = ("parameter", "unit", "other")
-#: Of a window, as a share of its labelled samples, from which on a label is named. Judged.
-_SHARE_NAMED = 0.1
+_SHARE_NAMED = 0.1  # Of a window, as a share of its labelled samples, from which on a label is named. Judged.
 
 
 def table(windows: Windows, estimates: WindowEstimates) -> Table:

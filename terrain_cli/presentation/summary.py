@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.estimation import PooledEstimate, WindowEstimates
 from terrain_cli.estimation.strength import strength_at
-from terrain_cli.presentation.segment_table import SOIL, in_units
+from terrain_cli.presentation.segment_table import SOIL, Table, in_units
 from terrain_cli.presentation.terminal import aligned
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import counted, known, short
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.estimation import PooledEstimate, WindowEstimates
-    from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 FORMAT = "terrain-est/summary/1"
 #: Of a table, what `document` looks at.
@@ -196,8 +192,7 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
     return rows
 
 
-#: Segments listed for a person at the most; the table has them all.
-LISTED = 40
+LISTED = 40  # Segments listed for a person at the most; the table has them all
 #: What is said of the segments that the account of a fit counts.
 _TOLD = {
     "missed": "the residuals of {} are systematic",

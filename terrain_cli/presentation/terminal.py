@@ -10,13 +10,11 @@ import shutil
 import sys
 import threading
 import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import Any, Self, cast
 
 import click
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
 
 #: What moves the cursor, changes colours, turns the direction of writing or ends a line: C0, DEL, C1, the
 #: marks for bidirectional text and for lines, and halves of characters, which no file of text can hold.

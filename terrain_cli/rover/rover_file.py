@@ -190,8 +190,7 @@ def _scale(value: Any, place: str) -> Any:
 
 # From a toy's wheel to twice that of the largest mining truck.
 _SIZE = number("a positive length in m, from 0.001 to 5", 1e-3, 5.0)
-#: No vehicle is longer; m. The largest excavator with a bucket wheel has 225.
-_REACH = 500.0
+_REACH = 500.0  # No vehicle is longer; m. The largest excavator with a bucket wheel has 225.
 #: Any number in any unit, nanoseconds since 1970 among them, whose square and the square of that are numbers.
 _ANY = number("a number from -1e20 to 1e20", -1e20, 1e20)
 _WHEEL: dict[str, Rule] = {

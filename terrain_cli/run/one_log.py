@@ -20,7 +20,7 @@ from terrain_cli.telemetry.unit_doubts import Doubt
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows import cut_windows, locations
 
-Progress = Callable[[str, float], None]
+Progress = Callable[[str, str, float], None]  # Path, step and share of it that is done
 
 
 @dataclass(kw_only=True)
@@ -47,11 +47,11 @@ def run(
     rover: Rover,
     settings: Settings,
     *,
-    progress: Progress = lambda _step, _share: None,
+    progress: Progress = lambda _path, _step, _share: None,
     beside: bool = False,
 ) -> Outcome:
     """Estimate the soil under every wheel of one input; `beside` reading it, where a log is long."""
-    progress("reading", 0.0)
+    progress(path, "reading", 0.0)
     file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     where = telemetry.Condition(settings.where) if settings.where else None
     source = formats.open_source(path, salvage=settings.salvage)
@@ -79,7 +79,7 @@ def run(
     # Reading, and of each wheel the cuts and the estimates.
     steps = 1 + 2 * len(wheels)
     for number, samples in enumerate(wheels):
-        progress(f"{the_wheel(samples.wheel)}: segments", (1 + 2 * number) / steps)
+        progress(path, f"{the_wheel(samples.wheel)}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
         used = len(samples.usable)
         if settings.stress is not None:
@@ -95,7 +95,7 @@ def run(
         cut = long_log.windows_of(samples, settings)
         count += len(cut)
         cut_windows.check_number(source.path, count)
-        progress(f"{the_wheel(samples.wheel)}: estimates of {len(cut)}", (2 + 2 * number) / steps)
+        progress(path, f"{the_wheel(samples.wheel)}: estimates of {len(cut)}", (2 + 2 * number) / steps)
         fitted = estimators.estimate(
             cut, settings.method, file, **settings.of_fits, at_stress=stress, joint=settings.joint
         )
@@ -132,7 +132,7 @@ def _in_reaches(
             if settings.stress is not None:
                 stresses.setdefault(part.wheel, []).append(strength.stress_range(part))
             count += len(part)
-            progress(f"{count:,} samples", count / rows if rows else 0.0)
+            progress(source.path, f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
 
     work = long_log.work_beside if beside else long_log.work

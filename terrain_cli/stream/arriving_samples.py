@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.bags import TopicClocks
     from terrain_cli.vocabulary.arrays import Array
 
-    #: Of the full model; None for the line.
-    Effects = tuple[Effect, ...] | None
+    Effects = tuple[Effect, ...] | None  # Of the full model; None for the line
 #: Samples of a wheel that are looked at again with the next ones: they tell its usual rate, what is late, and
 #: what is a gap. Judged: enough for the median of the steps.
 BEFORE = 256

@@ -4,38 +4,30 @@ from __future__ import annotations
 
 import sys
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.errors import InputError
-from terrain_cli.estimation import assumed, estimators
+from terrain_cli.estimation import WindowEstimates, assumed, estimators
+from terrain_cli.estimation.estimators import Fitted
 from terrain_cli.estimation.line.pooled import RecursiveLine
 from terrain_cli.estimation.strength import with_strengths
+from terrain_cli.estimation.wheel_fit import Noise
+from terrain_cli.models import ModelFile
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.long_log import BEHIND, with_behind
-from terrain_cli.stream.model_watch import ModelWatch
-from terrain_cli.telemetry import effect_inputs
+from terrain_cli.run.settings import Settings
+from terrain_cli.stream.model_watch import ModelMiss, ModelWatch
+from terrain_cli.telemetry import Samples, effect_inputs
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows import cut_windows
 from terrain_cli.windows.online_cuts import SETTLED, OnlineCuts
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.estimation.estimators import Fitted
-    from terrain_cli.estimation.wheel_fit import Noise
-    from terrain_cli.models import ModelFile
-    from terrain_cli.run.settings import Settings
-    from terrain_cli.stream.model_watch import ModelMiss
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Samples of a segment at the most, some 100 bytes each: a soil that goes on for longer is cut there.
 LONGEST = 1 << 17

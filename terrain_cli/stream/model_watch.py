@@ -9,24 +9,20 @@ follows from the rate of false alarms (Siegmund 1985, Sequential Analysis).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from terrain_cli.comparison import prediction
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
+from terrain_cli.models import ModelFile
+from terrain_cli.telemetry import Samples
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows import cut_windows
 from terrain_cli.windows.running_moments import correlation_factor
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.models import ModelFile
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: False alarms of a wheel in an hour, all its channels together; benchmarks/watch_study.py counts them.
 FALSE_ALARMS = 0.01
@@ -44,8 +40,7 @@ _SAMPLES, _SECONDS = 20, 1.0  # Least samples and seconds of a mean
 _FORGOTTEN = 5.0
 #: Degrees of freedom of a variance at the least, lest its estimate make the noise endless. Judged.
 _LEAST_FREEDOM = 5.0
-#: Share of its trace that is added to a matrix, lest what no sample tells make it singular.
-_RIDGE = 1e-10
+_RIDGE = 1e-10  # Share of its trace that is added to a matrix, lest what no sample tells make it singular
 
 
 class ModelMiss(NamedTuple):

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import formats
+from formats import Batch, Source
 from terrain_cli.errors import InputError, nearest
+from terrain_cli.rover import Rover
 from terrain_cli.telemetry import effect_inputs, raw_channels, raw_columns, rover_advice
 from terrain_cli.telemetry.assembly import Request, assemble, check
 from terrain_cli.telemetry.long_logs import PartReader, excerpt, in_parts
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.usable_samples import Condition
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
-
-    from formats import Batch, Source
-    from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.wheel_samples import Plan
 
 __all__ = ["Condition", "Geometry", "Samples", "part_reader", "read", "read_parts", "read_source"]
 

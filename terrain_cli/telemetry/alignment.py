@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.errors import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 LEAST_GAP = 0.5  # Smallest default for the largest gap across which a channel is interpolated, in s
 #: The same, in sampling intervals of the channel: two lost samples make a gap of three, and clocks jitter.

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
+from formats import Source
+from terrain_cli.effects import Effect
 from terrain_cli.errors import ConfigurationError, InputError
+from terrain_cli.rover import Rover, Wheel
 from terrain_cli.telemetry import (
     alignment,
     derived_channels,
@@ -18,20 +22,12 @@ from terrain_cli.telemetry import (
 )
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.unit_doubts import UnitEvidence
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Plan, Raw, Samples, match_name
+from terrain_cli.telemetry.usable_samples import Condition
+from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Geometry, Notice, Plan, Raw, Samples, match_name
 from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 from terrain_cli.vocabulary.quantities import PREDICTED
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
-    from formats import Source
-    from terrain_cli.effects import Effect
-    from terrain_cli.rover import Rover, Wheel
-    from terrain_cli.telemetry.usable_samples import Condition
-    from terrain_cli.telemetry.wheel_samples import Feed
-    from terrain_cli.vocabulary.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

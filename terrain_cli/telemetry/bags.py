@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats import LOG_TIME, STAMP, Column, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
+from terrain_cli.telemetry.assembly import Request
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Raw, match_name
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.telemetry.assembly import Request
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Headers whose clocks differ by more than this, in s, do not tell the same time: no message is so late.
 LATEST = 60.0

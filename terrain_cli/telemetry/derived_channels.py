@@ -8,20 +8,14 @@ positive nose up and roll is positive left side up; the body is taken as paralle
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.rover.vehicle import Motor, Vehicle
+from terrain_cli.vocabulary.arrays import Array, Mask
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.rover.vehicle import Motor, Vehicle
-    from terrain_cli.vocabulary.arrays import Array, Mask
-
-#: rad/s. Below it a wheel stands, whatever its encoder's last digit does.
-STANDING = 1e-3
+STANDING = 1e-3  # rad/s. Below it a wheel stands, whatever its encoder's last digit does.
 #: A wheel that is faster than this share of a speed that it seldom exceeds drives, however noisy its encoder
 #: is; that speed is a quantile, on which no spike has weight. Judged.
 _SLOW, _TYPICAL = 0.1, 0.9

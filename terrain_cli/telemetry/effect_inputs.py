@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 import numpy as np
 
+from terrain_cli.effects import Effect
 from terrain_cli.mechanics import rates
+from terrain_cli.rover import Wheel
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.rover_advice import Lack
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from terrain_cli.effects import Effect
-    from terrain_cli.rover import Wheel
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")

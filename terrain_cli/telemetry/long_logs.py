@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,17 +22,13 @@ from terrain_cli.telemetry import (
     usable_samples,
 )
 from terrain_cli.telemetry.assembly import Request, assemble, check
+from terrain_cli.telemetry.bags import TopicClocks
 from terrain_cli.telemetry.effect_inputs import ANGLE
+from terrain_cli.telemetry.own_clocks import OwnClocks
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
 from terrain_cli.telemetry.wheel_samples import COLUMNS, TABLES, Notice, Raw, Samples
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from terrain_cli.telemetry.bags import TopicClocks
-    from terrain_cli.telemetry.own_clocks import OwnClocks
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.
 MOST_ROWS = 2_000_000

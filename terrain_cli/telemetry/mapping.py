@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from formats import Field, Source, Stream
 from terrain_cli.errors import ConfigurationError, InputError, nearest
+from terrain_cli.rover import Rover
+from terrain_cli.rover.vehicle import ChannelEntry
 from terrain_cli.telemetry import table_clock, topic_discovery
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, identify, resolve, stated_unit, time_pairs, unit_hint
 from terrain_cli.vocabulary.quantities import ONLY_WHEEL
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from formats import Field, Source, Stream
-    from terrain_cli.rover import Rover
-    from terrain_cli.rover.vehicle import ChannelEntry
-    from terrain_cli.vocabulary.units import Unit
+from terrain_cli.vocabulary.units import Unit
 
 
 def is_table(source: Source) -> bool:

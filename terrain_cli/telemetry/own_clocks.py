@@ -7,20 +7,16 @@ lost value.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.telemetry import alignment
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Notice, Raw
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: What a sample is made of, and from what it is derived where it is not there itself.
 _MADE_OF = {

@@ -6,7 +6,7 @@ depths up to 0.7 r, over the soils of Tables I and II of Iagnemma et al. 2004.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,18 +17,14 @@ from terrain_cli.telemetry.unit_doubts import (
     Doubt,
     Mend,
     Suspicion,
+    UnitEvidence,
     Weight,
     pull,
     stuck,
 )
 from terrain_cli.telemetry.usable_samples import MOST_PRESSURE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from terrain_cli.telemetry.unit_doubts import UnitEvidence
-    from terrain_cli.telemetry.wheel_samples import Plan
-    from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.telemetry.wheel_samples import Plan
+from terrain_cli.vocabulary.arrays import Array
 
 #: Ranges: 1.5 kPa and more, under 1.5 kPa of load on r · b. A rover of 1 kg on the Moon has 0.8; Pa.
 LEAST_PRESSURE = 200.0

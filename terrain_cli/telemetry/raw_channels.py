@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from formats import LOG_TIME, Batch, Column, Labels
 from terrain_cli.errors import ConfigurationError, InputError, nearest
 from terrain_cli.telemetry import bags, own_clocks, raw_columns
+from terrain_cli.telemetry.assembly import Request
 from terrain_cli.telemetry.mapping import is_table, only_wheel
 from terrain_cli.telemetry.raw_columns import read_topics
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from terrain_cli.telemetry.assembly import Request
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 
 def fields(request: Request) -> list[str]:

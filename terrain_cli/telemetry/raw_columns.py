@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats import LOG_TIME, STAMP, Batch, Column, Labels, Source
 from terrain_cli.errors import InputError
 from terrain_cli.processes import most_held
 from terrain_cli.telemetry import alignment
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 _SOON = np.timedelta64(10, "s")  # How soon after a clock's zero its first stamps come
 #: Rows read at once of a table that may be too long to be held: half as many more take 50 MB more.
@@ -155,7 +150,7 @@ def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | Non
     return None if missing.any() or not len(stamp) else stamp
 
 
-def stamps(columns: Mapping[str, Column]) -> tuple[NDArray[np.datetime64], bool]:
-    """Return the headers' stamps of a topic if every message has one (True), else the times of the log."""
+def stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64]:
+    """Return the headers' stamps of a topic if every message has one, else the times of the log."""
     stamp = header_stamps(columns)
-    return (np.asarray(columns[LOG_TIME]), False) if stamp is None else (stamp, True)
+    return np.asarray(columns[LOG_TIME]) if stamp is None else stamp

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, NamedTuple, cast
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from terrain_cli.mechanics import linear
+from terrain_cli.rover import Rover, Wheel
 from terrain_cli.telemetry import derived_channels, topic_discovery
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.topic_discovery import OF_WHEELS
 from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary import toml_files, units
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
-
-    from terrain_cli.rover import Rover, Wheel
-    from terrain_cli.vocabulary.arrays import Array
 
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.

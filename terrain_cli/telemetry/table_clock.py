@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -14,9 +15,6 @@ from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
 from terrain_cli.telemetry.wheel_samples import Feed, Notice, Plan
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, TimeName, stated_unit, time_names
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Generator, Mapping, Sequence
 
 _ROWS = 65_536  # Rows that are looked at
 #: A column rises if it does so at this share of its steps: sweeps of up to 20 points fall back more often.

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from formats import Field, Stream
 from terrain_cli.telemetry.wheel_samples import Feed, Plan, match_name
 from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, Match, identify
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-
-    from formats import Field, Stream
-    from terrain_cli.vocabulary.arrays import Array
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _STANDARD = re.compile(

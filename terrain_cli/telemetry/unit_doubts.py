@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -12,13 +13,9 @@ from terrain_cli.telemetry import rover_advice
 from terrain_cli.telemetry.derived_channels import stands
 from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import the_wheel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples that are kept: the 5th and 95th percentile of so many are known to a hundredth of a deviation.
 MOST = 1 << 14
@@ -28,8 +25,7 @@ _DEGREE = 111_195.0
 ALIKE = {"x": "y", "longitude": "latitude"}  # What has the unit of another channel
 #: Samples of which none differs from the others; and what a person reads off a scale.
 STUCK, ROUNDED = 20, ("sinkage", "entry_angle")
-#: Share of a drive in which a channel is frozen, that weighs on an estimate. Judged.
-LONG = 0.1
+LONG = 0.1  # Share of a drive in which a channel is frozen, that weighs on an estimate. Judged.
 #: Change of DP over that of T/r, in a stretch of an eighth of the drive, of at least ten samples, in which
 #: they follow each other at the same load. Simulated drives of every soil, manoeuvre and effect of the
 #: catalogue, with noise up to 5 %: 0.57 to 1.06; of 30 with slip-sinkage on clay, up to 1.6 times its full
@@ -135,8 +131,7 @@ class Doubt(Notice):
 
     __slots__ = ("of",)
 
-    #: Such as "the sign of drawbar pull", where a line of rover.toml would settle it; else empty.
-    of: str
+    of: str  # Such as "the sign of drawbar pull", where a line of rover.toml would settle it; else empty
 
     def __new__(cls, text: str, of: str = "") -> Self:
         self = super().__new__(cls, text)

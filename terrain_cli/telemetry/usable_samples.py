@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import operator
 import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +16,7 @@ from terrain_cli.errors import UsageError
 from terrain_cli.telemetry.alignment import RESOLUTION, split_clock, stretch_gap
 from terrain_cli.telemetry.derived_channels import stands
 from terrain_cli.telemetry.wheel_samples import NEEDED
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq,
@@ -40,8 +37,7 @@ MOST_PRESSURE = 2e6
 _MOST_COHESION = MOST_PRESSURE / (2.0 + np.pi)
 #: T/(W r) of friction alone, four times what the equations give (`plausibility.MOST_TORQUE`): judged.
 _MOST_FRICTION = 10.0
-#: z/r: on firm ground a sensor's noise may make a sinkage as small as it likes. Judged.
-_LEAST_DEPTH = 0.01
+_LEAST_DEPTH = 0.01  # z/r: on firm ground a sensor's noise may make a sinkage as small as it likes. Judged.
 #: No vehicle on soil is faster; m/s.
 MOST_SPEED = 100.0
 BACKWARDS = "time runs backwards"

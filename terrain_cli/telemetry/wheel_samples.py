@@ -6,24 +6,21 @@ Names may mean one wheel: ``front-left``, ``/front_left/load`` and ``FrontLeftWh
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from formats import Column, Labels, Source
+from terrain_cli.errors import InputError
+from terrain_cli.mechanics.wheel_model import WheelGeometry
+from terrain_cli.rover import SensorNoise
 from terrain_cli.telemetry.raw_columns import take
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import K_FACTOR
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY, Unit
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from terrain_cli.errors import InputError
-    from terrain_cli.mechanics.wheel_model import WheelGeometry
-    from terrain_cli.rover import SensorNoise
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Whose samples the other channels are brought to: the first of these that is there.
 CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "load")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import time
 import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -17,44 +18,35 @@ from formats.output.whole_files import explained
 from terrain_cli.comparison import Comparison
 from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
 from terrain_cli.errors import UsageError, nearest
+from terrain_cli.improvement.model_history import Rung
 from terrain_cli.presentation import segment_table
+from terrain_cli.presentation.segment_table import Table
 from terrain_cli.run.one_log import Outcome
 from terrain_cli.simulation import SimulatedLog
 from terrain_cli.views import chart_style, shown_samples, shown_segments
+from terrain_cli.windows.cut_windows import Windows
 
 # Before matplotlib is imported: it says which extra brings it.
 chart_style.need("plot")
 
 import matplotlib as mpl  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
 
 from terrain_cli.views.figures import drive_figures, model_figures, soil_figures  # noqa: E402
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
-    from matplotlib.figure import Figure
-
-    from terrain_cli.improvement.model_history import Rung
-    from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.windows.cut_windows import Windows
-
-    Drawn: TypeAlias = Comparison | Diagnosis | SimulatedLog | Sequence[Rung] | Sequence[Outcome]
-    Drawing = tuple[str, Callable[[], Figure | None]]
+Drawn: TypeAlias = Comparison | Diagnosis | SimulatedLog | Sequence[Rung] | Sequence[Outcome]
+Drawing = tuple[str, Callable[[], Figure | None]]
 
 ENDINGS = (".png", ".svg")
-#: Wheels whose joint posterior, or recursive estimate, is drawn.
-MOST_TRACES = 8
-#: Samples of each, where the picture is of a comparison.
-MOST_TRACED = 200_000
+MOST_TRACES = 8  # Wheels whose joint posterior, or recursive estimate, is drawn
+MOST_TRACED = 200_000  # Samples of each, where the picture is of a comparison
 #: Column of the table, and its name in what is drawn.
 _DRAWN = {
     **{name: name for name in ("source", "wheel", "segment", "c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg")},
     "n_samples": "sample",
 }
-#: Rows of a wheel that are held at the most: beyond that every second one goes.
-_MOST_ROWS = 2000
-#: After a drawing, so many times what it took are left to the rows that arrive. Judged.
-_REST = 4.0
+_MOST_ROWS = 2000  # Rows of a wheel that are held at the most: beyond that every second one goes
+_REST = 4.0  # After a drawing, so many times what it took are left to the rows that arrive. Judged.
 
 
 def write(found: Drawn, folder: str | Path) -> list[Path]:

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from terrain_cli.comparison.comparison_outcome import Comparison
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.arrays import Array
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+Index = NDArray[np.int32]
 
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.vocabulary.arrays import Array
-
-    Index = NDArray[np.int32]
-
-#: With more points than this a picture shows counts.
-MOST_POINTS = 5_000
-#: Quantiles of a band come from so many samples at the most.
-_BAND_SAMPLES = 1_000_000
+MOST_POINTS = 5_000  # With more points than this a picture shows counts
+_BAND_SAMPLES = 1_000_000  # Quantiles of a band come from so many samples at the most
 #: Bins of a band, and samples of one.
 _MOST_BINS, _LEAST = 24, 25
 #: A hole in a driver, as a share of its range, that a band does not bridge; a step of a driver that
@@ -33,10 +26,8 @@ USUAL = (
     *("slip", "load", "sinkage", "velocity", "acceleration", "pitch", "yaw_rate", "motor_temperature"),
     *("pass_number", "terrain", "time", "x", "y"),
 )
-#: Every segment has a picture of its own.
-_UNSEEN = frozenset({"segment"})
-#: Labels that fit under an axis.
-MOST_LABELS = 12
+_UNSEEN = frozenset({"segment"})  # Every segment has a picture of its own
+MOST_LABELS = 12  # Labels that fit under an axis
 
 
 class Band(NamedTuple):
@@ -83,16 +74,10 @@ def band(driver: Array, values: Array) -> Band:
         # A value of the driver is never split over two bins: it may have few of them.
         edges = np.searchsorted(x, x[np.linspace(start, end, bins + 1).astype(int)[1:-1]])
         rows += [
-            (_quantiles(x[part], [0.5])[0], *_quantiles(v[part], [0.05, 0.5, 0.95]))
+            (np.median(x[part]), *np.quantile(v[part], [0.05, 0.5, 0.95]))
             for part in np.split(np.arange(start, end), np.unique(edges[edges > start]) - start)
         ]
     return Band(*np.array(rows).T) if rows else Band(*(np.empty(0),) * 4)
-
-
-def _quantiles(values: Array, shares: Sequence[float]) -> Array:
-    """Return quantiles as NumPy does, which takes ten times as long for few values."""
-    places = np.multiply(shares, len(values) - 1)
-    return np.asarray(np.interp(places, np.arange(len(values)), np.sort(values)))
 
 
 def _stretches(x: Array) -> list[tuple[int, int]]:

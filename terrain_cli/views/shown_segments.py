@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from formats.output.common_forms import parse
-from terrain_cli.comparison.comparison_outcome import segment_soils
+from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison, segment_soils
 from terrain_cli.estimation import PooledEstimate
 from terrain_cli.estimation.strength import strength_at
 from terrain_cli.mechanics.effect import Effect
-from terrain_cli.mechanics.wheel_model import Model, predict
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 from terrain_cli.presentation import segment_table
 from terrain_cli.views import shown_samples
+from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.quantities import the_wheel
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+Table = Mapping[str, Any]
 
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
-    from terrain_cli.mechanics.wheel_model import WheelGeometry
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
-    Table = Mapping[str, Any]
-
-#: Times the least range of c or φ to which the ellipses of what nothing separates are shown.
-_WIDEST = 30.0
+_WIDEST = 30.0  # Times the least range of c or φ to which the ellipses of what nothing separates are shown
 #: Of an ellipse that holds 95 % of a normal distribution in the plane, in standard deviations.
 ELLIPSE = 2.4477
 #: Wheels under whose rim one looks, and angles on each side of that of the greatest stress.

@@ -6,5 +6,4 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
-#: Of windows: where each begins, and where the last one ends.
-Bounds = NDArray[np.intp]
+Bounds = NDArray[np.intp]  # Of windows: where each begins, and where the last one ends

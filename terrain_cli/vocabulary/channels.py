@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from terrain_cli.errors import InputError
 from terrain_cli.vocabulary import units
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Sequence
-
-    from terrain_cli.vocabulary.units import Unit
+from terrain_cli.vocabulary.units import Unit
 
 LABEL = "label"
 

@@ -14,18 +14,15 @@ SEGMENTS: tuple[Segments, ...] = get_args(Segments)
 #: Models that need no file.
 Base = Literal["linear", "wong-reece"]
 BASES: tuple[Base, ...] = get_args(Base)
-#: Fewest samples of a window that is cut where the soil changes.
-CUT_SAMPLES = 10
-#: Fewest samples that say something of a line and of the scatter about it.
-FIT_SAMPLES = 5
+CUT_SAMPLES = 10  # Fewest samples of a window that is cut where the soil changes
+FIT_SAMPLES = 5  # Fewest samples that say something of a line and of the scatter about it
 #: In m. A window of soil shorter than this is no terrain of its own (Iagnemma et al. 2004, section II).
 MIN_DISTANCE = 0.10
 #: Segments of a wheel in one picture of what is known of c and φ: more would be too small to read.
 MOST_VALLEYS = 12
 #: Within which k of rover.toml is expected to be right unless it says otherwise (one standard deviation).
 K_FACTOR = 2.0
-#: φ in rad beyond which no soil is known.
-LARGEST_PHI = math.radians(60.0)
+LARGEST_PHI = math.radians(60.0)  # φ in rad beyond which no soil is known
 #: Least and greatest value of each parameter of the soil, in SI units: what is fixed, expected or found is
 #: within them. They enclose all published soils by a factor of ten or more (judged), snow and rock too; a c
 #: below 0 may be noise about it, or shows that the model is wrong.

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from terrain_cli.vocabulary.channels import CHANNELS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 #: SI unit → the unit shown, and the factor from one to the other.
 _SHOWN = {
@@ -18,18 +16,15 @@ _SHOWN = {
     "rad/s": ("°/s", 57.29577951308232),
     "rad/s²": ("°/s²", 57.29577951308232),
 }
-#: Lengths are shown in m, save these.
-_IN_MM = frozenset({"sinkage"})
+_IN_MM = frozenset({"sinkage"})  # Lengths are shown in m, save these
 #: What a channel is called in sentences and pictures, where that is not its name.
 _WORDS = {"velocity": "speed", "angular_velocity": "wheel speed", "pass_number": "pass"}
-#: Drivers that no log holds.
-_DERIVED = frozenset({"wheel_angle"})
+_DERIVED = frozenset({"wheel_angle"})  # Drivers that no log holds
 #: The forces on a wheel, in the order in which they are shown.
 PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
 
-#: The name of a wheel that nothing names.
-ONLY_WHEEL = "wheel"
+ONLY_WHEEL = "wheel"  # The name of a wheel that nothing names
 
 
 def the_wheel(name: str) -> str:

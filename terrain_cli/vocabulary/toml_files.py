@@ -13,18 +13,15 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from datetime import date, time
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from terrain_cli.errors import ConfigurationError, nearest
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Rule = Callable[[Any, str], Any]
 
 ABOVE_ZERO = math.ulp(0.0)
-#: Characters of a value that an error shows.
-_SHOWN = 80
+_SHOWN = 80  # Characters of a value that an error shows
 #: Characters of a file, and parts of a dotted key: tomllib takes time with the square of the latter.
 _LONGEST = 4 << 20
 _PARTS = 40

@@ -9,8 +9,7 @@ from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.windows import line_costs
 from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments, correlation_factor
 
-#: Bounds are chosen exactly among up to so many places, ...
-EXACT = 64
+EXACT = 64  # Bounds are chosen exactly among up to so many places, ..
 #: ... and where there are more, among so many at a time: what is chosen anywhere, and the seams
 #: between, are the places of the next round.
 CHUNK = 6
@@ -20,14 +19,11 @@ _CALM = 4
 #: Something happens where residuals about one line wander by this share of what a bound must gain:
 #: of the gain of a step in the middle they show a quarter, by chance 0.2 in one group of ten at most.
 _RESTLESS = 0.2
-#: Rounds go on while they leave fewer than this share of the places.
-_THINNING = 0.7
-#: Chunks whose costs are computed together: few enough to stay in the processor's cache.
-_TOGETHER = 512
+_THINNING = 0.7  # Rounds go on while they leave fewer than this share of the places
+_TOGETHER = 512  # Chunks whose costs are computed together: few enough to stay in the processor's cache
 #: Searches from which the correlation of the noise is learnt, and their samples at least.
 _SURVEYED, _SURVEYED_SAMPLES = 32, 512
-#: Least length of their windows: shorter ones would take the correlation for soil.
-_SURVEY_SAMPLES = 40
+_SURVEY_SAMPLES = 40  # Least length of their windows: shorter ones would take the correlation for soil
 
 
 @dataclass(frozen=True)

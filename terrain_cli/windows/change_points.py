@@ -37,23 +37,18 @@ Breaks = Sequence[int] | NDArray[np.integer]
 #: Gain in units of the noise's variance, χ² with 2 degrees of freedom if there is no change. Chance
 #: exceeds 25 once in 270,000, and the best of all places in a clean run less than once in 300 runs.
 PENALTY = 25.0
-#: Share of the strength by which lines must differ, as the samples tell.
-TOLERANCE = 0.02
+TOLERANCE = 0.02  # Share of the strength by which lines must differ, as the samples tell
 #: The same in the samples beside the change, whose gain need only be this share of the penalty.
 BESIDE_TOLERANCE, BESIDE_SHARE = 0.05, 0.4
-#: Share of the strength by which lines must differ where that does not show.
-GRADUAL_TOLERANCE = 0.08
-#: A candidate need gain only this share of the penalty.
-CANDIDATE_SHARE = 0.5
+GRADUAL_TOLERANCE = 0.08  # Share of the strength by which lines must differ where that does not show
+CANDIDATE_SHARE = 0.5  # A candidate need gain only this share of the penalty
 #: Longest blocks whose edges alone are searched, and samples of a stretch that may have `LONG` ones.
 _LONGEST, _LONG_SAMPLES = 15, 1 << 14
-#: Fewer samples than this are not searched: they tell nothing of their noise.
-_FEWEST = 6
+_FEWEST = 6  # Fewer samples than this are not searched: they tell nothing of their noise
 #: Of bounds between five numbers instead of two, chance gains this as rarely (χ², five degrees of freedom).
 #: By as much the place of a bound must be better than that by the line alone.
 _OWN_PENALTY = 33.0
-#: Share of its trace that is added to a matrix, lest a constant load make it singular.
-_RIDGE = 1e-10
+_RIDGE = 1e-10  # Share of its trace that is added to a matrix, lest a constant load make it singular
 
 
 def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:

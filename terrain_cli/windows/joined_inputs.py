@@ -13,8 +13,7 @@ from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
-#: s between the end of an input and the start of the next.
-_PAUSE = 1000.0
+_PAUSE = 1000.0  # s between the end of an input and the start of the next
 
 
 def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:

@@ -28,13 +28,11 @@ KEYS = ("site", "drive", "pose")
 PAIRS = (("longitude", "latitude"), ("x", "y"))
 #: Of PLACES: two latitudes of one place, a clock in s that is not since 1970, and whose place it is.
 _CENTRIC, _DETIC, _CLOCK, _FRAME = "planetocentric_latitude", "planetodetic_latitude", "sclk", "frame"
-#: How the codes of IAU_2015 end that count latitudes from the centre of the body.
-_OCENTRIC = ("00", "02")
+_OCENTRIC = ("00", "02")  # How the codes of IAU_2015 end that count latitudes from the centre of the body
 #: Polar by equatorial radius of the bodies whose latitudes can be turned (IAU 2015).
 _FLATTENING = {"499": 3_376_200.0 / 3_396_190.0, "301": 1.0}
 _HINT = "positions are longitude and latitude (or planetocentric_latitude), or x and y (easting and northing)"
-#: The pose of an entry for a whole drive; the table of Mars 2020 has no others.
-_ANY_POSE = -1.0
+_ANY_POSE = -1.0  # The pose of an entry for a whole drive; the table of Mars 2020 has no others
 #: Longest time in s between two entries of a clock: in more a rover goes elsewhere than straight on.
 LONGEST_GAP = 300.0
 

@@ -9,21 +9,16 @@ from terrain_cli.windows import line_costs
 from terrain_cli.windows.candidate_search import Limits
 from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
 
-#: Samples beside a bound in which a new soil shows.
-BESIDE = 60
-#: Samples by which a bound is moved at the most in a round.
-REACH = 2 * BESIDE
-#: Longest window that may be a bridge.
-LONGEST_BRIDGE = 10 * BESIDE
-#: A line's slope is known where its standard error is below this share of it ...
-KNOWN = 0.15
+BESIDE = 60  # Samples beside a bound in which a new soil shows
+REACH = 2 * BESIDE  # Samples by which a bound is moved at the most in a round
+LONGEST_BRIDGE = 10 * BESIDE  # Longest window that may be a bridge
+KNOWN = 0.15  # A line's slope is known where its standard error is below this share of it ..
 #: ... and the slope of the steps that load and slip make on that soil is then within this share.
 SLOPE_TOLERANCE = 0.2
 #: Neighbours that move by less than this share of a window do not move its other bound.
 HARDLY = 0.01
 _ROUNDS = 20
-#: Bounds moved together: few enough to stay in the processor's cache.
-_TOGETHER = 512
+_TOGETHER = 512  # Bounds moved together: few enough to stay in the processor's cache
 
 
 @dataclass(frozen=True)

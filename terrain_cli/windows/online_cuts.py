@@ -17,15 +17,13 @@ from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.change_points import change_points, needed, sinkage_changes
 
-#: Samples that are searched: what is further back does not move a bound any more.
-HORIZON = 2048
+HORIZON = 2048  # Samples that are searched: what is further back does not move a bound any more
 #: Samples behind a bound that make it final, twice those in which a new soil must show (`merging.BESIDE`).
 SETTLED = 120
 #: The next search is after so many seconds and so many samples, so that slow and fast clocks cost alike; and
 #: after fewer seconds where a bound waits to be found again.
 EVERY_SECONDS, AGAIN_SECONDS, EVERY_SAMPLES = 10.0, 5.0, 20
-#: Samples by which a bound may differ from the same one in the search before.
-_SAME = 60
+_SAME = 60  # Samples by which a bound may differ from the same one in the search before
 #: Rows of what is added: the place of a sample among all, which bounds are told in; time in s, x and y in Pa,
 #: metres driven, load in N, sinkage in m (NaN where not known). Any further ones are what the line may follow
 #: (`needed`), of which the first is slip.

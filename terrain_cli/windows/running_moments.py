@@ -24,15 +24,12 @@ from terrain_cli.windows.line_costs import (
 )
 from terrain_cli.windows.sample_blocks import ReplacedSamples
 
-#: No channel is known better than this share of its value.
-FLOOR = 2e-3
-#: No level of x or y is below this share of the usual one: noise is a share of it.
-LEVEL_FLOOR = 1e-9
+FLOOR = 2e-3  # No channel is known better than this share of its value
+LEVEL_FLOOR = 1e-9  # No level of x or y is below this share of the usual one: noise is a share of it
 #: Correlation of x and y that noise may have. Equal relative errors of W, T, z and i leave next to
 #: none (below 0.1 on all soils tried); more is a load that varies from sample to sample.
 NOISE_CORRELATION = 0.15
-#: Samples over which what is left after prewhitening may still be correlated.
-LARGEST_LAG = 30
+LARGEST_LAG = 30  # Samples over which what is left after prewhitening may still be correlated
 #: Samples in the blocks of long drives, and between the bounds that are tried first within one.
 LONG, FINE = 64, 8
 

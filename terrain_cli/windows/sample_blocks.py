@@ -16,14 +16,10 @@ POWERS, POWER_X, POWER_Y = slice(0, 5), 2, 4
 #: and of squares and products of the second differences of x and y, as far as they are noise.
 SECONDS = slice(5, 8)
 ROWS = 8
-#: Samples on either side from which the noise of a sample is learnt.
-REACH = 64
-#: A difference larger than this many mean differences is a step or a wild value, not noise.
-WILD = 3.0
-#: A sample further from its neighbours than this many mean steps is not the soil's doing.
-OUTLIER = 4.7
-#: Samples worked on at a time: few enough to stay in the processor's cache.
-_SLAB = 131_072
+REACH = 64  # Samples on either side from which the noise of a sample is learnt
+WILD = 3.0  # A difference larger than this many mean differences is a step or a wild value, not noise
+OUTLIER = 4.7  # A sample further from its neighbours than this many mean steps is not the soil's doing
+_SLAB = 131_072  # Samples worked on at a time: few enough to stay in the processor's cache
 
 
 def sizes(n: int, step: int) -> Index:

@@ -21,7 +21,7 @@ def told(path, method="least-squares"):
     steps = []
     settings = Settings(method=method)
     one_log.run(
-        str(path), rover.load(SAMPLE / "rover.toml"), settings, progress=lambda *step: steps.append(step)
+        str(path), rover.load(SAMPLE / "rover.toml"), settings, progress=lambda _, *step: steps.append(step)
     )
     return [step for step, _ in steps], [share for _, share in steps]
 

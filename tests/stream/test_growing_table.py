@@ -15,7 +15,7 @@ from streams import followed, lines, text
 import formats
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation import segment_files
-from terrain_cli.stream.growing_table import GrowingTable, readable
+from terrain_cli.presentation.segment_files import GrowingTable, readable
 
 
 @pytest.fixture(scope="module")

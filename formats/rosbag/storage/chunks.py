@@ -9,24 +9,18 @@ from __future__ import annotations
 
 import os
 from collections import deque
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeAlias
+from typing import Any, BinaryIO, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats.limits import Allowance
-from formats.rosbag.storage.raw_messages import DAMAGE, ORDER, Messages
+from formats.rosbag.storage.raw_messages import DAMAGE, ORDER, Index, Messages
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from formats.rosbag.storage.raw_messages import Index
-
-#: Chunks are joined until they have this many bytes: enough to make NumPy's calls cheap.
-RUN_BYTES = 8 << 20
+RUN_BYTES = 8 << 20  # Chunks are joined until they have this many bytes: enough to make NumPy's calls cheap
 #: Decompressing in more threads than this would be faster than what is done with the messages.
 _MOST_THREADS = 4
 

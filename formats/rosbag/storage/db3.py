@@ -13,28 +13,22 @@ import re
 import sqlite3
 import struct
 import sys
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
-from rosbags.interfaces import MessageDefinition
+from rosbags.interfaces import Connection, MessageDefinition
 
 from formats.byte_sources import named
 from formats.content import SIDE_FILES
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.recovery import Recovery
-from formats.rosbag.storage.chunks import RUN_BYTES
+from formats.rosbag.storage.chunks import RUN_BYTES, Run
 from formats.rosbag.storage.db3_rows import Leaves
 from formats.rosbag.storage.raw_messages import FORMATS, NO_DEFINITION, astray, collected, ros2_connection
 from formats.sqlite_pages import BrokenPageError
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-
-    from rosbags.interfaces import Connection
-
-    from formats.rosbag.storage.chunks import Run
 
 #: Name, type and place in the key of the columns that `Leaves` reads.
 _PLAIN = [("id", "INTEGER", 1), ("topic_id", "INTEGER", 0), ("timestamp", "INTEGER", 0), ("data", "BLOB", 0)]

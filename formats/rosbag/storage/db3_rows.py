@@ -6,28 +6,22 @@ the payloads that go on in further pages, and whole files in which anything is n
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Iterator
+from io import BufferedReader
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.raw_messages import Messages, numbers_at
+from formats.rosbag.storage.chunks import RUN_BYTES, Run
+from formats.rosbag.storage.raw_messages import Index, Messages, numbers_at
 from formats.sqlite_pages import HEADER, TABLE_LEAF, TABLE_NODE, BrokenPageError, Pages, layout
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
-    from io import BufferedReader
-
-    from numpy.typing import NDArray
-
-    from formats.rosbag.storage.chunks import Run
-    from formats.rosbag.storage.raw_messages import Index
-
-    Bytes = NDArray[np.uint8]
-    #: Of messages the key, that of the topic, the log time in ns, where the payload begins in the file (−1 if
-    #: it goes on in other pages), and its bytes; shape (5, n).
-    Rows = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
+#: Of messages the key, that of the topic, the log time in ns, where the payload begins in the file (−1 if
+#: it goes on in other pages), and its bytes; shape (5, n).
+Rows = NDArray[np.int64]
 
 _LEAF_HEAD = 8
 #: No row of a message takes less of its page: its place (2 bytes), its size, its key, its head, four types.

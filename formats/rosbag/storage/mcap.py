@@ -15,26 +15,19 @@ from __future__ import annotations
 import os
 import struct
 from binascii import crc32
+from collections.abc import Collection, Iterator
 from functools import cached_property, lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import MessageDefinition
 from rosbags.rosbag2 import storage_mcap
-from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, Schema
 
-from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import NO_DEFINITION, parts_at, unpack, widen
+from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Run, opened, runs
+from formats.rosbag.storage.raw_messages import NO_DEFINITION, Index, parts_at, unpack, widen
 from formats.rosbag.storage.salvaged_mcap import ENTRY, RECORD, records
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
-
-    from numpy.typing import NDArray
-    from rosbags.interfaces import MessageDefinition
-    from rosbags.rosbag2.storage_mcap import ChunkInfo, Schema
-
-    from formats.rosbag.storage.chunks import Run
-    from formats.rosbag.storage.raw_messages import Index
 
 #: Before entries of an index channel and length; before a payload channel, sequence, log time and another.
 _INDEX, _MESSAGE = 6, 22

@@ -5,22 +5,19 @@ from __future__ import annotations
 import struct
 import sys
 from bz2 import BZ2Decompressor
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
 from formats.limits import CHUNK_BYTES, TooMuchError, unpacked_limit
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    Index = NDArray[np.int64]
+Index = NDArray[np.int64]
 
 #: How ROS 2 names the languages of definitions.
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}

@@ -7,26 +7,21 @@ import os
 import struct
 from abc import abstractmethod
 from binascii import crc32
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
+from rosbags.interfaces import Connection
 
 from formats.limits import CHUNK_BYTES, Allowance, TooMuchError, unpacked_limit
 from formats.rosbag.storage.raw_messages import CORRUPT, ORDER, WILD, Messages, of_payloads, unpack
-from formats.rosbag.storage.salvaged_file import Piece, SalvagedFile, by_connection
+from formats.rosbag.storage.salvaged_file import Found, Index, Piece, Row, SalvagedFile, Span, by_connection
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
-    from pathlib import Path
-
-    from rosbags.interfaces import Connection
-
-    from formats.rosbag.storage.salvaged_file import Found, Index, Row, Span
-
-    #: By code and number of a record: whether a checksum vouches for it, and what it says.
-    Told = dict[tuple[int, int], list[tuple[bool, Any]]]
+#: By code and number of a record: whether a checksum vouches for it, and what it says.
+Told = dict[tuple[int, int], list[tuple[bool, Any]]]
 
 #: Bytes of messages that may wait for others which are earlier.
 _WAITING = 1 << 30
@@ -49,8 +44,7 @@ class RecordFile(SalvagedFile):
     #: How the file begins, and the code of the records that describe a connection.
     magic: bytes
     describes: int
-    #: What is said behind a place that is damaged, and behind one that is cut off.
-    is_damaged = is_cut = ""
+    is_damaged = is_cut = ""  # What is said behind a place that is damaged, and behind one that is cut off
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)

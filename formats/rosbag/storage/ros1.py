@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_uint32
 
-from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import numbers_at, parts_at, unpack, widen
+from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Run, opened, runs
+from formats.rosbag.storage.raw_messages import Index, numbers_at, parts_at, unpack, widen
 
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
-
-    from numpy.typing import NDArray
-
-    from formats.rosbag.storage.chunks import Run
-    from formats.rosbag.storage.raw_messages import Index
-
-    #: What rosbags makes of an index, entry by entry; here it stays empty.
-    Unused: TypeAlias = dict[int, list[Any]]
+#: What rosbags makes of an index, entry by entry; here it stays empty.
+Unused: TypeAlias = dict[int, list[Any]]
 
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("place", "<u4")])
 _SECOND = 1_000_000_000

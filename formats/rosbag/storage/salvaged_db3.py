@@ -10,11 +10,12 @@ import contextlib
 import re
 import sqlite3
 import struct
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from rosbags.interfaces import Connection
 
 from formats.byte_sources import kept, named
 from formats.content import SIDE_FILES
@@ -22,19 +23,19 @@ from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.db3 import connections_of
 from formats.rosbag.storage.raw_messages import WILD, Messages, astray, collected
-from formats.rosbag.storage.salvaged_file import Piece, SalvagedFile
-from formats.sqlite_pages import INDEX_LEAF, INDEX_NODE, TABLE_LEAF, BrokenPageError, PageCell, Pages, layout
+from formats.rosbag.storage.salvaged_file import Index, Piece, SalvagedFile
+from formats.sqlite_pages import (
+    INDEX_LEAF,
+    INDEX_NODE,
+    TABLE_LEAF,
+    BrokenPageError,
+    PageCell,
+    Pages,
+    Value,
+    layout,
+)
 
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
-
-    from rosbags.interfaces import Connection
-
-    from formats.rosbag.storage.salvaged_file import Index
-    from formats.sqlite_pages import Value
-
-    #: Root page, and names of the columns.
-    _Table = tuple[int, list[str]]
+_Table = tuple[int, list[str]]  # Root page, and names of the columns
 
 _MOST_TABLES = 100
 _BLOCK = 1 << 20

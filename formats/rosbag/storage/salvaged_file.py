@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import mmap
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection
 
 from formats.limits import Allowance
 from formats.recovery import Recovery
 from formats.rosbag.storage.raw_messages import Messages, widen
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-    from rosbags.interfaces import Connection
-
-    Index = NDArray[np.int64]
-    Span = tuple[int, int]
-    #: A message as a row of a piece.
-    Row = tuple[int, int, int, int]
-    #: Rows of a piece, perhaps with more at the end of each.
-    Found = Sequence[tuple[int, ...]]
+Index = NDArray[np.int64]
+Span = tuple[int, int]
+Row = tuple[int, int, int, int]  # A message as a row of a piece
+Found = Sequence[tuple[int, ...]]  # Rows of a piece, perhaps with more at the end of each
 
 
 @dataclass(frozen=True, slots=True)

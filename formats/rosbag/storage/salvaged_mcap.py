@@ -9,25 +9,26 @@ from __future__ import annotations
 import re
 import struct
 from binascii import crc32
+from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 
 from formats.limits import CHUNK_BYTES
 from formats.rosbag.storage import record_file
 from formats.rosbag.storage.raw_messages import FORMATS, ros2_connection
-from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from rosbags.interfaces import Connection
-
-    from formats.rosbag.storage.record_file import Told
-    from formats.rosbag.storage.salvaged_file import Found, Index, Row
+from formats.rosbag.storage.record_file import (
+    BrokenRecordError,
+    CutOffError,
+    RecordFile,
+    Told,
+    agreed,
+    join_told,
+)
+from formats.rosbag.storage.salvaged_file import Found, Index, Row
 
 #: Bytes of its opcode and length, with which a record begins.
 RECORD = 9

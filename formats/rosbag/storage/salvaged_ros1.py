@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, BinaryIO
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
@@ -23,15 +25,16 @@ from rosbags.typesys.msg import normalize_msgtype
 from formats.limits import CHUNK_BYTES
 from formats.rosbag.definitions import msg_text
 from formats.rosbag.storage import record_file
-from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from formats.rosbag.storage.raw_messages import Messages
-    from formats.rosbag.storage.record_file import Told
-    from formats.rosbag.storage.salvaged_file import Found, Index
+from formats.rosbag.storage.raw_messages import Messages
+from formats.rosbag.storage.record_file import (
+    BrokenRecordError,
+    CutOffError,
+    RecordFile,
+    Told,
+    agreed,
+    join_told,
+)
+from formats.rosbag.storage.salvaged_file import Found, Index
 
 _MESSAGE, _INDEX, _CHUNK, _CONNECTION = 2, 4, 5, 7
 _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")

@@ -185,8 +185,7 @@ _COMMON = {PLAIN: "a plain number"} | {
     )
 }
 
-#: Characters of a term that an error shows.
-_SHOWN = 40
+_SHOWN = 40  # Characters of a term that an error shows
 
 
 def infer(node: Node, text: str, known: Mapping[str, Dimension]) -> Dimension | None:

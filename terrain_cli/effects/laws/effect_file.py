@@ -24,8 +24,7 @@ _KIND: dict[str, Kind] = {
     **dict.fromkeys(("load", "drawbar_pull"), "force"),
     **dict.fromkeys(("slip", "sinkage", "torque"), "sensor"),
 }
-#: What is as large as the wheel.
-_FORCES = frozenset({"load", "drawbar_pull", "torque"})
+_FORCES = frozenset({"load", "drawbar_pull", "torque"})  # What is as large as the wheel
 
 
 @dataclass(frozen=True)

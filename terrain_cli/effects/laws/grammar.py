@@ -32,8 +32,7 @@ DEEPEST = 40
 LARGEST = 200
 HIGHEST_POWER = 20.0
 _LONGEST_WORD = 60
-#: Characters of a law that an error shows.
-_SHOWN = 72
+_SHOWN = 72  # Characters of a law that an error shows
 #: What a law can name.
 NAME_FORM = f"one line of up to {_LONGEST_WORD} characters without backticks"
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -44,8 +43,7 @@ RESERVED = {*WORDS, *FUNCTIONS, *CONSTANTS}
 #: What can stand behind a term.
 _JOINING = {*("or", "and", "<", "<=", ">", ">=", "==", "!=", "+", "-", "*", "/", "^", ")", ",")}
 _NO_NUMBER, _WHERE = "a condition stands where a number must be", "use where(condition, a, b)"
-#: Characters that each token has in what Python parses, so that its place there is its number.
-_WIDTH = 4
+_WIDTH = 4  # Characters that each token has in what Python parses, so that its place there is its number
 
 _TOKEN = re.compile(
     r"(?P<space>[ \t\r\n]+)"

@@ -92,8 +92,7 @@ FILE = toml_files.table(
     }
 )
 
-#: Always known, whatever is measured.
-OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}
+OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}  # Always known, whatever is measured
 #: To be listed among the needs: rover.toml may lack them, and only a log with time has a wheel's angle, or a
 #: rut with a slope.
 ON_DEMAND = {"grouser_height": "m", "grouser_count": "1", "wheel_angle": "rad", "rut_slope": "1"}

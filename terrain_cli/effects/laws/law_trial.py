@@ -9,10 +9,8 @@ from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.effect import Effect, Law
 from terrain_cli.vocabulary.arrays import Array
 
-#: Samples of a trial.
-SAMPLES = 256
-#: Largest difference at the null values, as a share of the quantity.
-ROUNDING = 1e-9
+SAMPLES = 256  # Samples of a trial
+ROUNDING = 1e-9  # Largest difference at the null values, as a share of the quantity
 
 #: Ordinary values, SI, of what does not follow from something else.
 _RANGES = {

@@ -13,17 +13,13 @@ from terrain_cli.mechanics.rates import LEADS
 
 #: What a pass changes as a share of what the one before it did, where nothing else is known.
 _FURTHER = math.exp(-1.0)
-#: m: over this distance to either side of its top the layer sets in.
-_ROUND = 5e-4
-#: m, a grain: less displacement than this along has no direction.
-_GRAIN = 3e-4
-#: Radii in a second below which a wheel stands.
-_SLOW = 0.05
+_ROUND = 5e-4  # m: over this distance to either side of its top the layer sets in
+_GRAIN = 3e-4  # m, a grain: less displacement than this along has no direction
+_SLOW = 0.05  # Radii in a second below which a wheel stands
 #: σ0 in Pa: the stress at which tan φ is the soil's own.
 _REFERENCE_STRESS = 10e3
 _LEAST_STRESS = 1.0
-#: Of loose dry soil, in kg/m³.
-_DENSITY = 1600.0
+_DENSITY = 1600.0  # Of loose dry soil, in kg/m³
 
 
 def packed(quantity: str, q: Quantities) -> Any:

@@ -32,10 +32,8 @@ KEYS: tuple[Key, ...] = (
 #: Samples of long windows, which are worked on one by one, so many at a time: few enough to stay in
 #: the processor's cache, and for BLAS not to take threads.
 _LONG = 4096
-#: Samples of a window from which on BLAS is quicker, window by window, than all windows at once.
-_SHORT = 20
-#: A spread below this share of the mean is rounding.
-ROUNDING = 1e-9
+_SHORT = 20  # Samples of a window from which on BLAS is quicker, window by window, than all windows at once
+ROUNDING = 1e-9  # A spread below this share of the mean is rounding
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,8 @@ from terrain_cli.vocabulary.arrays import Array
 #: Errors below this share of the strength and of 1 (Pa, or in tan φ) do not weigh more than that:
 #: exact windows would otherwise make the normal equations singular.
 _SMALLEST = 1e-6
-#: Correlations are not believed nearer to ±1 than this: no inverse would be left of them.
-_UNSURE = 1e-9
-#: The longest lag of the products that the errors need.
-_LAGS = max(lag for lag, _, _ in KEYS)
+_UNSURE = 1e-9  # Correlations are not believed nearer to ±1 than this: no inverse would be left of them
+_LAGS = max(lag for lag, _, _ in KEYS)  # The longest lag of the products that the errors need
 
 
 @dataclass(frozen=True)

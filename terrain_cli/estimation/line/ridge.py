@@ -20,13 +20,10 @@ import numpy as np
 from terrain_cli.estimation.line.moments import WindowMoments, X, Y, segment_sum
 from terrain_cli.vocabulary.arrays import Array, Bounds
 
-#: Values of δ tried: two per decade.
-DELTAS = np.logspace(-8.0, 0.0, 17)
+DELTAS = np.logspace(-8.0, 0.0, 17)  # Values of δ tried: two per decade
 
-#: Samples of a window from which on windows are worked on one by one, for all δ, ...
-_LONG = 512
-#: ... so many samples at a time: few enough to stay in the processor's cache.
-_TOGETHER = 1024
+_LONG = 512  # Samples of a window from which on windows are worked on one by one, for all δ, ..
+_TOGETHER = 1024  # ... so many samples at a time: few enough to stay in the processor's cache.
 
 
 @dataclass(frozen=True)

@@ -32,11 +32,9 @@ from terrain_cli.estimation.line.moments import (
 from terrain_cli.vocabulary.arrays import Array, Mask
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
-#: Sign of ∂g/∂q.
-_SIGN = {LOAD: -1.0, TORQUE: 1.0, SINKAGE: -1.0, SLIP: -1.0}
+_SIGN = {LOAD: -1.0, TORQUE: 1.0, SINKAGE: -1.0, SLIP: -1.0}  # Sign of ∂g/∂q
 
-#: Standard errors by which cov(q, x) must differ from zero for the channel to be heard.
-_SIGNIFICANT = 3.0
+_SIGNIFICANT = 3.0  # Standard errors by which cov(q, x) must differ from zero for the channel to be heard
 
 #: A channel that varies by more than this share of its mean, and takes x along with this
 #: correlation, varies in truth: no sensor in use drifts so far. A smooth undulation has few
@@ -50,8 +48,7 @@ _ITERATIONS = 6
 #: otherwise make a large error of a small misfit.
 _LARGEST_ERROR = 2.0
 
-#: Lag-1 autocorrelation of residuals that may be called smooth.
-_SMOOTH = 0.9
+_SMOOTH = 0.9  # Lag-1 autocorrelation of residuals that may be called smooth
 #: Share of the strength by which equations [20] to [25] are off for dropping κ3: 0.07 to 1.0 %, root mean
 #: square 0.42 %, on soils of Wong's Theory of Ground Vehicles, at 60 to 100 N and slips of 0.1 to 0.8.
 DROPPED_KAPPA3 = 0.005

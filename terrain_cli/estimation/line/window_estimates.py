@@ -56,10 +56,8 @@ _OF_THE_FULL_MODEL = (
 #: From `strength.with_strengths`, which knows the stresses under the wheel.
 _AT_STRESS = ("stress", "strength_at_stress", "strength_at_stress_se")
 
-#: Samples worked on at a time: few enough to stay in the processor's cache.
-_BLOCK = 32_768
-#: Windows estimated together from their moments.
-_TOGETHER = 1024
+_BLOCK = 32_768  # Samples worked on at a time: few enough to stay in the processor's cache
+_TOGETHER = 1024  # Windows estimated together from their moments
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,20 +26,15 @@ _PLAIN = 3.0
 #: Variance of a sensor that drifts beside that of its noise within a second, up to which it may be all that
 #: varies. Judged: a drift as large as the noise.
 _DRIFTS = 2.0
-#: Samples of a window that tell noise from soil.
-EACH = 30
-#: Samples of pure noise that are left out of a whole log, on average. Judged.
-BY_CHANCE = 0.01
-#: Median of the magnitude of a standard normal number.
-NORMAL_MEDIAN = 0.6745
+EACH = 30  # Samples of a window that tell noise from soil
+BY_CHANCE = 0.01  # Samples of pure noise that are left out of a whole log, on average. Judged.
+NORMAL_MEDIAN = 0.6745  # Median of the magnitude of a standard normal number
 #: Standard deviation of a normal number beside the second largest of four: that one has the variance 0.36.
 _BEYOND = float(np.sqrt(1.36))
 #: Neighbouring second differences of white noise share so much that so many are worth an independent one.
 _SHARED = 1.0 + 2.0 * (4.0**2 + 1.0) / 6.0**2
-#: Autocorrelations among which that of noise is sought.
-_RHO = np.linspace(0.0, 0.99, 100)
-#: Added to correlations, so that of channels that are the same something is left.
-_ROUNDING = 1e-9
+_RHO = np.linspace(0.0, 0.99, 100)  # Autocorrelations among which that of noise is sought
+_ROUNDING = 1e-9  # Added to correlations, so that of channels that are the same something is left
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ _SAMPLES, _ORDER = 3, 5
 #: Unknowns in which the model bends most, and how far from the prior mean another search begins.
 _BENT = ("shear_modulus", "sinkage_exponent")
 _APART = 1.2
-#: Times that a soil is taken e times as stiff because the wheel sinks to its axle.
-_STIFFER = 5
+_STIFFER = 5  # Times that a soil is taken e times as stiff because the wheel sinks to its axle
 #: Scales by which effects are present where a search begins with them. Of 48 short drives with bulldozing 5
 #: ended in another valley with no such beginning, 2 with one at one scale, none with two.
 _PRESENT = 2.0

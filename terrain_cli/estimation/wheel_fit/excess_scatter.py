@@ -9,8 +9,7 @@ from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0
 _ITERATIONS = 6
-#: Stretches of a window whose means tell a slow drift from white noise.
-_STRETCHES = 8
+_STRETCHES = 8  # Stretches of a window whose means tell a slow drift from white noise
 #: A window of which what is left lasts longer, or is larger, than this many samples of noise is one that the
 #: model misses. Judged: noise of sensors with an autocorrelation of 0.9 lasts for 19 samples.
 MISSED = 20.0

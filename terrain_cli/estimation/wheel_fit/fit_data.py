@@ -15,10 +15,8 @@ from terrain_cli.mechanics.wheel_model import Given, Model
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.windows.cut_windows import runs
 
-#: Channels whose noise counts.
-CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")
-#: The balance of the load that the soil carries and the one on it: always zero in truth.
-BALANCE = "balance"
+CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")  # Channels whose noise counts
+BALANCE = "balance"  # The balance of the load that the soil carries and the one on it: always zero in truth
 #: Samples worked on at a time: few enough for their derivatives to fit into memory that is used again.
 _BLOCK = 16_384
 

@@ -49,18 +49,15 @@ from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
-#: Share of a window's samples above which it is the model that misses, and not they. Judged.
-_MOST = 0.1
-#: Passes in which the true values of the inputs come to rest.
-_PASSES = 3
+_MOST = 0.1  # Share of a window's samples above which it is the model that misses, and not they. Judged.
+_PASSES = 3  # Passes in which the true values of the inputs come to rest
 #: Rounds after which noise is left as it is where most windows are lost: it does not settle on a misfit.
 _ROUNDS_LOST = 8
 #: Step in posterior standard deviations up to which one for each round of the noise will do. In 18 fits of
 #: 2,500 to 7,500 samples 1, 3 and 10 evaluate the model 1,148, 1,115 and 1,107 times (1,512 with a whole
 #: search in each round), and c, φ and strength move by less than 0.005 standard errors.
 _ONE_STEP = 3.0
-#: Samples fitted at a time, where windows share nothing.
-_GROUP = 100_000
+_GROUP = 100_000  # Samples fitted at a time, where windows share nothing
 
 
 def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:

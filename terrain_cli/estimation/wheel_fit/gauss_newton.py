@@ -24,12 +24,10 @@ from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 ITERATIONS = 40
-#: A step this small, in posterior standard deviations, is the last one.
-TOLERANCE = 0.1
+TOLERANCE = 0.1  # A step this small, in posterior standard deviations, is the last one
 #: Iterations after which steps that turn back without shrinking to half are shortened, and how far.
 _PATIENCE, _SHORTEST = 5, 0.1
-#: At its bound is what is no further from it, in prior standard deviations.
-_NEAR = 1e-9
+_NEAR = 1e-9  # At its bound is what is no further from it, in prior standard deviations
 #: Deviations by which a peak is taken to be outside at the most: the model is not normal that far.
 _FARTHEST = 5.0
 

@@ -32,12 +32,10 @@ from terrain_cli.estimation.wheel_fit.normal_equations import covariance, invers
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
-#: What is assumed of a channel of which nothing else is known.
-USUAL = 0.03
+USUAL = 0.03  # What is assumed of a channel of which nothing else is known
 #: Channels that pass through zero: their noise is no share of their value.
 _ABSOLUTE = frozenset({"drawbar_pull"})
-#: Least noise of noise-free data, as a share.
-_LEAST_DIFFERENCES = 1e-6
+_LEAST_DIFFERENCES = 1e-6  # Least noise of noise-free data, as a share
 #: Rounds at the most, and the change of the noise that is the last.
 ROUNDS, _SETTLED = 12, 0.03
 #: What sensors usually are: a share of the value, or of its root mean square; of the slip, a ratio of
@@ -52,14 +50,10 @@ _LONGEST, _LEAST = 1.5, 1e-6
 #: the last. So many know the noise of a channel by 3 %, and no error changes by more; near is enough to
 #: tell what is none.
 _WHOLE, _NEAR = (20, 3_000, 0.05), (8, 600, 0.5)
-#: Steps uphill in each round, where channels say something of their noise themselves.
-_UPHILL = 8
-#: A noise known better than by a tenth changes no error noticeably.
-_SURE = 0.1
-#: Least share of a step.
-_SHORTEST = 0.1
-#: That of noise-free data, in logarithms from the prior's centre.
-_LOWEST = float(np.log(_LEAST / _USUAL))
+_UPHILL = 8  # Steps uphill in each round, where channels say something of their noise themselves
+_SURE = 0.1  # A noise known better than by a tenth changes no error noticeably
+_SHORTEST = 0.1  # Least share of a step
+_LOWEST = float(np.log(_LEAST / _USUAL))  # That of noise-free data, in logarithms from the prior's centre
 
 
 class ScaledDifferences:
@@ -70,8 +64,7 @@ class ScaledDifferences:
     """
 
     rounds, lasting = ROUNDS, 1.0
-    #: Of all windows together, enough to know the noise by 2 %.
-    samples = 6_000
+    samples = 6_000  # Of all windows together, enough to know the noise by 2 %
 
     def __init__(self, data: FitData, *, ordered: bool) -> None:
         self._ordered = ordered

@@ -24,15 +24,13 @@ from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Part of an output's size that its error has at least: keeps S positive where noise is said to be none.
 _LEAST = 1e-8
-#: Share of the load below which a force, or a torque over the radius, is next to none.
-_NOTHING = 1e-3
+_NOTHING = 1e-3  # Share of the load below which a force, or a torque over the radius, is next to none
 #: Huber's estimator by the number of channels together: the radius, in standard deviations, within
 #: which the weight is 1, so that 5 % of the efficiency is lost on clean data, and the mean square of
 #: a weighted residual then.
 _RADIUS = np.array([np.inf, 1.345, 1.50, 1.63])
 _SQUARE = np.array([1.0, 0.7102, 0.6753, 0.6437])
-#: How far a true value may be from the measured one, in standard deviations of the sensor.
-_FARTHEST = 8.0
+_FARTHEST = 8.0  # How far a true value may be from the measured one, in standard deviations of the sensor
 #: Of a channel that is off by orders of magnitude the true values run away: what is not finite tells nothing.
 _UNDEFINED_ALLOWED = np.errstate(over="ignore", invalid="ignore")
 

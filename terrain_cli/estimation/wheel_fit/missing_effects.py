@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 _SHOWS, _FAR = 4.0, 1.0
 #: Samples of all windows together that are tested, and of each window at the least; nodes on each arc.
 _SAMPLES, _EACH, _ORDER = 2_000, 6, 6
-#: Steps in which the true values of the inputs come to rest.
-_STEPS = 3
+_STEPS = 3  # Steps in which the true values of the inputs come to rest
 #: s by which residuals may lag behind the inputs: lags of sensors and of the rut take 0.05 to 0.5 s.
 _LAGS = (0.0, 0.1, 0.2, 0.4, 0.8)
 #: Share of a channel's residuals from which on they follow the inputs. It was at most 0.02 in 56 clean drives

@@ -25,10 +25,8 @@ from terrain_cli.vocabulary.arrays import Array, Index
 #: six points of Ding et al. 2011, on a soil of some 32°, one beginning says 21.9 ± 4.0°, and all say
 #: 26.0 ± 7.8°. The number is judged: with more, one beginning tells as much.
 FEW = 30
-#: Two modes are one where no unknown, in prior standard deviations, differs by more.
-_SAME = 0.05
-#: Weight beside the likeliest one from which on a mode counts.
-_COUNTS = 0.02
+_SAME = 0.05  # Two modes are one where no unknown, in prior standard deviations, differs by more
+_COUNTS = 0.02  # Weight beside the likeliest one from which on a mode counts
 
 
 @dataclass(frozen=True, kw_only=True)

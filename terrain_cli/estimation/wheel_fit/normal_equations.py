@@ -22,10 +22,8 @@ import numpy as np
 
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: How far rounding may take a variance above that of the prior, as a share.
-_ROUNDING = 1e-6
-#: Directions below this share of the best determined one are not inverted.
-_RANK = 1e-9
+_ROUNDING = 1e-6  # How far rounding may take a variance above that of the prior, as a share
+_RANK = 1e-9  # Directions below this share of the best determined one are not inverted
 
 
 @dataclass(frozen=True)

@@ -51,12 +51,10 @@ from terrain_cli.vocabulary.arrays import Array, Index, Mask
 _SAMPLES, _SAMPLES_SHARED, _ORDER = 6, 30, 5
 #: Samples of all moves that are worked on together: with more, memory grows and nothing is faster.
 _TOGETHER = 16_384
-#: Length of a difference, in posterior standard deviations and in those of the noise.
-_STEP = 0.3
+_STEP = 0.3  # Length of a difference, in posterior standard deviations and in those of the noise
 #: The mean is never taken to be further than this from the mode, in posterior standard deviations.
 _FARTHEST = 2.0
-#: Beyond this many of them a correction of shared unknowns is none.
-_SMALL = 1.0
+_SMALL = 1.0  # Beyond this many of them a correction of shared unknowns is none
 #: Degrees of freedom that Student's t is taken for at the least: fewer samples hardly know their own memory,
 #: and white ones would now and then lose all that they tell.
 _FEWEST = 10.0

@@ -15,10 +15,8 @@ from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import SOIL_BOUNDS
 
-#: Sought by their logarithm.
-POSITIVE = frozenset({"shear_modulus", "stiffness"})
-#: A prior of an effect's parameter is this many of its scales wide: next to nothing.
-EFFECT_SCALES = 5.0
+POSITIVE = frozenset({"shear_modulus", "stiffness"})  # Sought by their logarithm
+EFFECT_SCALES = 5.0  # A prior of an effect's parameter is this many of its scales wide: next to nothing
 
 
 #: Weak priors from published soils (the table of terrain values of Wong, Theory of Ground Vehicles,

@@ -28,10 +28,8 @@ from terrain_cli.vocabulary.arrays import Array
 #: each, or two degrees more, change the deviations over the grids of sample_data by less than 0.5 %; by 2 %
 #: in the window that does not separate c and φ.
 _SAMPLES, _POINTS, _STEPS = 100, 7, 20
-#: Degree of the polynomial that goes between the points.
-_DEGREE = 4
-#: Iterations that bring the true values of the inputs along.
-_SETTLE = 3
+_DEGREE = 4  # Degree of the polynomial that goes between the points
+_SETTLE = 3  # Iterations that bring the true values of the inputs along
 #: Nearer to the estimate than this, in squared standard errors, rounding decides. A deviance of
 #: less than this times the quadratic is as good as none, of more than that as good as infinite.
 _NEAR, _LEAST, _FAR = 0.01, 1e-3, 1e5

@@ -35,8 +35,7 @@ from terrain_cli.vocabulary.arrays import Array, Index, Mask
 _TRIED, _ROUGHLY = 12, 6
 #: Mean square of the residuals, in terms of the noise, from which on another beginning may lead lower.
 _HOPELESS = 100.0
-#: Standard deviation, in that of the prior, from which on the prior alone knows more.
-_USELESS = 1.01
+_USELESS = 1.01  # Standard deviation, in that of the prior, from which on the prior alone knows more
 #: Prior standard deviations from the prior mean beyond which no soil is known: c above 22 kPa, k sixteen
 #: times that of rover.toml. Judged.
 _FAR = 4.0
@@ -52,8 +51,7 @@ _SOME, _ROUGH = 5, 3
 ENOUGH, _LAST = 200, 8
 #: Steps from elsewhere, and downhill in one round of many.
 _ELSEWHERE, _A_ROUND = 15, 10
-#: A sum of squares that is less by this is that of another valley.
-_LOWER = 0.1
+_LOWER = 0.1  # A sum of squares that is less by this is that of another valley
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2

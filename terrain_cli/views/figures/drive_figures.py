@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from terrain_cli.simulation.simulated_log import channels
+from terrain_cli.simulation.simulated_log import SimulatedLog, channels
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from matplotlib.axes import Axes
-    from numpy.typing import NDArray
-
-    from terrain_cli.simulation.simulated_log import SimulatedLog
-    from terrain_cli.vocabulary.arrays import Array, Index
-
-
-#: More samples than this are thinned: a line of them is as wide as a page has dots.
-MOST_SAMPLES = 3_000
-#: With more segments than this their limits would hide the lines.
-MOST_LIMITS = 40
+MOST_SAMPLES = 3_000  # More samples than this are thinned: a line of them is as wide as a page has dots
+MOST_LIMITS = 40  # With more segments than this their limits would hide the lines
 
 
 class Picture(Figure):

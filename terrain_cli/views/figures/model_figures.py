@@ -3,46 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from terrain_cli.comparison.blocks import Interval
+from terrain_cli.comparison.comparison_outcome import Comparison
+from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
 from terrain_cli.diagnosis.verdict import sizes_text
-from terrain_cli.improvement.model_history import channels
+from terrain_cli.improvement.model_history import Rung, channels
 from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN, measured, top
 from terrain_cli.views.figures.drive_figures import Picture, panels
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.arrays import Array
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
-    from matplotlib.figure import Figure
-
-    from terrain_cli.comparison.blocks import Interval
-    from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
-    from terrain_cli.improvement.model_history import Rung
-    from terrain_cli.vocabulary.arrays import Array
-
-
-#: Points that an SVG holds one by one; more are an image in it.
-MOST_DRAWN = 500
-#: Drivers in one picture.
-MOST_DRIVERS = 9
-#: Characters in a line of the parameters of a candidate.
-_LINE = 56
-#: Candidates of a diagnosis, the best first.
-MOST_CANDIDATES = 12
-#: Of wheels, under a median.
-_WHEELS = tuple(colour for colour in COLOURS if colour != MEDIAN)
-#: Distance of before and after from the middle of their step.
-_APART = 0.18
+MOST_DRAWN = 500  # Points that an SVG holds one by one; more are an image in it
+MOST_DRIVERS = 9  # Drivers in one picture
+_LINE = 56  # Characters in a line of the parameters of a candidate
+MOST_CANDIDATES = 12  # Candidates of a diagnosis, the best first
+_WHEELS = tuple(colour for colour in COLOURS if colour != MEDIAN)  # Of wheels, under a median
+_APART = 0.18  # Distance of before and after from the middle of their step
 
 
 def predicted_measured(comparison: Comparison) -> Figure:

@@ -2,48 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.path import Path
 from matplotlib.transforms import Bbox
+from numpy.typing import ArrayLike
 
 from terrain_cli.presentation.segment_table import GRID
 from terrain_cli.views import shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS, SCALE
 from terrain_cli.views.figures.drive_figures import Picture, panels
 from terrain_cli.views.shown_samples import limits as limits_of
+from terrain_cli.views.shown_segments import Moment
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import MOST_VALLEYS
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+Posterior = Mapping[str, Any]
 
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike
-
-    from terrain_cli.views.shown_segments import Moment
-    from terrain_cli.vocabulary.arrays import Array, Index
-
-    Posterior = Mapping[str, Any]
-
-#: With more segments than this, errors would hide the estimates.
-MOST_ERRORS = 60
-#: With more than this, bands would hide the lines.
-MOST_BANDS = 6
+MOST_ERRORS = 60  # With more segments than this, errors would hide the estimates
+MOST_BANDS = 6  # With more than this, bands would hide the lines
 #: Wheels in one picture: all follow nearly the same track, and would hide each other on one map.
 MOST_WHEELS = 4
-#: With more segments than this their values are left to the colours.
-MOST_LABELS = 12
+MOST_LABELS = 12  # With more segments than this their values are left to the colours
 #: Probabilities of the regions that are drawn, and of the one that a panel shows.
 _REGIONS, _SHOWN = (0.95, 0.68), 0.995
-#: Standard deviations to which 68 % of a normal distribution in the plane reach.
-_OF_68 = 1.51
-#: A prior is drawn where an error is more than this share of its own.
-_INFORMATIVE = 0.3
+_OF_68 = 1.51  # Standard deviations to which 68 % of a normal distribution in the plane reach
+_INFORMATIVE = 0.3  # A prior is drawn where an error is more than this share of its own
 
 
 def strength(table: Mapping[str, Any]) -> Figure:

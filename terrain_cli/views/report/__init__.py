@@ -5,14 +5,18 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import formats
+from terrain_cli.comparison.comparison_outcome import Comparison
+from terrain_cli.diagnosis.diagnosis_outcome import Asked
+from terrain_cli.improvement.change_trial import Alternative
 from terrain_cli.version import __version__
 from terrain_cli.views import chart_style
 
@@ -25,13 +29,6 @@ from jinja2 import Environment, StrictUndefined  # noqa: E402
 from terrain_cli.views.report import model_sections, sections  # noqa: E402
 from terrain_cli.views.report.model_sections import history  # noqa: E402
 from terrain_cli.views.report.page_parts import Chart, Section, Table  # noqa: E402
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked
-    from terrain_cli.improvement.change_trial import Alternative
 
 __all__ = ["Chart", "Section", "Table", "history", "page", "write"]
 

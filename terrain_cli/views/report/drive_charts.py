@@ -2,41 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, SCALE
-from terrain_cli.views.report.page_parts import CHOSEN, Sheet, either, encoded, scale, tips
+from terrain_cli.views.report.page_parts import CHOSEN, Layer, Sheet, Spec, either, encoded, scale, tips
+from terrain_cli.views.shown_samples import Along, Pairs
+from terrain_cli.vocabulary.arrays import Array
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.views.report.page_parts import Layer, Spec
-    from terrain_cli.views.shown_samples import Along, Pairs
-    from terrain_cli.vocabulary.arrays import Array
-
-    Text = NDArray[np.str_]
+Text = NDArray[np.str_]
 
 #: Told apart in print and without colour: one for each of `COLOURS`.
 _SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "triangle-right")
 _DASHES = ([1, 0], [6, 3], [6, 2, 1, 2], [1, 2], [9, 3], [4, 2, 1, 2, 1, 2], [2, 2])
-#: Side of a map in pixels: it must fit a telephone.
-_MAP = 300
-#: With more segments than this, ellipses would hide the estimates.
-_MOST_ELLIPSES = 60
+_MAP = 300  # Side of a map in pixels: it must fit a telephone
+_MOST_ELLIPSES = 60  # With more segments than this, ellipses would hide the estimates
 #: Points of all tracks on a map, and of all ellipses, that keep the page small.
 _MOST_VERTICES = 1_500
 _QUANTITIES = (("Cohesion c (kPa)", "c_kPa", "c_se_kPa"), ("Friction angle φ (°)", "phi_deg", "phi_se_deg"))
 #: Times the usual error, beyond which a band may leave the picture: it would flatten all that is known.
 _UNSURE = 4.0
-#: Points drawn one by one beside a driver, of which there are many.
-MOST_BESIDE = 400
-#: Steps, in usual ones, that are a gap.
-_GAP = 8.0
+MOST_BESIDE = 400  # Points drawn one by one beside a driver, of which there are many
+_GAP = 8.0  # Steps, in usual ones, that are a gap
 
 
 def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> Spec:

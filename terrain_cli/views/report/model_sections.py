@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from terrain_cli.improvement.change_trial import Alternative
+from terrain_cli.improvement.improvement_outcome import ChannelChange
 from terrain_cli.improvement.model_history import Rung, channels, refusals, rungs
 from terrain_cli.presentation import change_text
 from terrain_cli.views import shown_samples
@@ -16,26 +19,18 @@ from terrain_cli.views.report.page_parts import (
     Chart,
     Section,
     Sheet,
+    Spec,
     Table,
     either,
     encoded,
     scale,
     tips,
 )
+from terrain_cli.views.shown_samples import Band
 from terrain_cli.vocabulary import quantities
-from terrain_cli.vocabulary.quantities import counted
+from terrain_cli.vocabulary.quantities import Quantity, counted
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from terrain_cli.improvement.change_trial import Alternative
-    from terrain_cli.improvement.improvement_outcome import ChannelChange
-    from terrain_cli.views.report.page_parts import Spec
-    from terrain_cli.views.shown_samples import Band
-    from terrain_cli.vocabulary.quantities import Quantity
-
-#: Drivers shown for each channel: those of its findings come first.
-_MOST_DRIVERS = 2
+_MOST_DRIVERS = 2  # Drivers shown for each channel: those of its findings come first
 #: Characters in a line of a model's name beside a picture.
 _LINE = 27
 _TEXT = (

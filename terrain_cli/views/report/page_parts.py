@@ -6,19 +6,16 @@ keyboard reaches it and no script stands between.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_cli.views.chart_style import FAINT, INK
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    Spec = dict[str, Any]
+Spec = dict[str, Any]
 
 #: Marks the chosen segment in all charts at once: told apart from the groups and from the scale.
 CHOSEN = "#AA3377"
@@ -86,34 +83,23 @@ def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
 
 
+_LETTERS: Spec = {"labelColor": INK, "labelFontSize": 11}
+_LETTERS |= {"titleColor": INK, "titleFontSize": 12, "titleFontWeight": "normal"}
 #: How all charts look.
 _SETTINGS: Spec = {
     "aria": False,
     "font": "system-ui, DejaVu Sans, Arial, sans-serif",
     "view": {"continuousHeight": 300, "continuousWidth": 300, "stroke": None},
     "axis": {
+        **_LETTERS,
         "gridColor": FAINT,
         "gridOpacity": 0.25,
-        "labelColor": INK,
-        "labelFontSize": 11,
         "labelOverlap": "greedy",
         "labelSeparation": 6,
-        "titleColor": INK,
-        "titleFontSize": 12,
-        "titleFontWeight": "normal",
     },
     # What would reach beyond the picture is left out.
     "axisX": {"labelBound": 4},
-    "legend": {
-        "labelColor": INK,
-        "labelFontSize": 11,
-        "labelLimit": 180,
-        "orient": "bottom",
-        "columns": 3,
-        "titleColor": INK,
-        "titleFontSize": 12,
-        "titleFontWeight": "normal",
-    },
+    "legend": {**_LETTERS, "labelLimit": 180, "orient": "bottom", "columns": 3},
 }
 
 

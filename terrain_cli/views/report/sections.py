@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from terrain_cli.comparison.comparison_outcome import Comparison
+from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.report import drive_charts
 from terrain_cli.views.report.page_parts import Chart, Section, Table
+from terrain_cli.views.shown_samples import Pairs
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import counted
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
-    from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked
-    from terrain_cli.views.shown_samples import Pairs
-    from terrain_cli.vocabulary.arrays import Array, Index
-
-    Choices = list[tuple[str, str]]
+Choices = list[tuple[str, str]]
 
 #: Rows of the table of segments, and segments to choose from: the worst ones where there are more.
 MOST_ROWS, MOST_CHOICES = 1_000, 300
-#: Drivers shown for each channel.
-MOST_DRIVERS = 9
-#: Samples, over all segments, in the pictures of one segment.
-MOST_SAMPLES = 6_000
+MOST_DRIVERS = 9  # Drivers shown for each channel
+MOST_SAMPLES = 6_000  # Samples, over all segments, in the pictures of one segment
 #: Characters in the name of a segment.
 LONGEST = 48
 _NOTE = (
@@ -50,10 +44,8 @@ class _Content:
     #: Columns of `results.COLUMNS`, with "name" and "key" of every segment.
     table: Mapping[str, Any]
     misfits: Mapping[str, Array]
-    #: The segments to choose from, as rows of the table.
-    kept: Index
-    #: All of them, the worst first.
-    order: Index
+    kept: Index  # The segments to choose from, as rows of the table
+    order: Index  # All of them, the worst first
 
     @property
     def chosen(self) -> str:
