@@ -404,4 +404,4 @@ def test_what_the_data_do_not_tell_is_left_empty(terrain_est_here, here, plain):
     assert math.isnan(row.phi_deg)
     assert math.isnan(row.phi_se_deg)
     assert 0.0 < row.strength_kPa < 15.0
-    assert "prior-bound: the data do not determine c or φ, which is left empty" in done.stderr
+    assert "prior-bound: the data do not determine c or φ (left empty)" in done.stderr

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
 from terrain_cli.mechanics.rates import wheel_angle
+from terrain_cli.telemetry.usable_samples import on_ground
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
@@ -175,18 +176,18 @@ def cut(
     "auto" makes one window for each terrain label, or one of all. `before` counts the usable samples of the
     first stretch that came before these, which are a part of a long log.
     """
-    rows = samples.usable
     labels = samples.labels.get("terrain")
     if method == "auto" and (samples.time is None or not _lined(samples)):
         # Steady test points have no order in which the soil could change, and without torque and sinkage
         # there is no line whose change would show it.
         method = "none" if labels is None else "terrain"
+    # The soil changes in the same places for a model that does not cover a wheel that skids.
+    rows = on_ground(samples.set_aside) if method == "auto" else samples.usable
     if samples.time is None and labels is not None and method == "terrain":
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
     index = which(rows, len(samples))
     slip = samples.channels["slip"][index]
-    on_average = drives(slip)
-    x, y = _coordinates(samples, rows, np.flatnonzero((slip >= 0.0) | on_average))
+    x, y = _coordinates(samples, rows, np.flatnonzero((slip >= 0.0) | drives(slip)))
     # A soil goes on between pieces of one drive.
     stretch = (samples.stretch if samples.drive is None else samples.drive)[index]
     breaks = np.flatnonzero(np.diff(stretch)) + 1
@@ -214,41 +215,60 @@ def cut(
             len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
         )
     elif method == "auto":
-        seen = np.flatnonzero((slip >= 0.0) | on_average)
         shortest = {
             "min_samples": CUT_SAMPLES if min_samples is None else min_samples,
             "min_distance": MIN_DISTANCE if window_distance is None else window_distance,
         }
-
-        def known(
-            chosen: Index,
-        ) -> tuple[Index | slice, Index, tuple[Array, Array], tuple[Array, Array, Array], Any]:
-            at = which(chosen, len(rows))
-            own = breaks if len(chosen) == len(rows) else np.flatnonzero(np.diff(stretch[at])) + 1
-            load, sinkage = (samples.channels[name][index][at] for name in ("load", "sinkage"))
-            limits = {**shortest, "distance": None if distance is None else distance[at]}
-            return at, own, (x[at], y[at]), (load, sinkage, slip[at]), limits
-
-        driving = np.flatnonzero(on_average)
-        at, own, lines, wheel, limits = known(driving)
-        # What the line of a soil may seem to follow where the model lacks an effect.
-        followed = [samples.channels[name][index][at] for name in FOLLOWED if name in samples.channels]
-        followed += [turn[:, at] for turn in _turns(samples, index, stretch)]
-        changes = change_points(*lines, breaks=own, before=before, **limits)
-        changes = needed(*lines, followed, changes, own)
-        changes = sinkage_changes(*wheel, followed, changes, before=before, **limits)
-        inner = driving[np.setdiff1d(changes[1:-1], own, assume_unique=True)]
-        # Where soils meet under a wheel that rolls freely, the few samples on the line still tell where.
-        _, own, lines, wheel, limits = known(seen)
-        changes = whole_windows(len(seen), breaks=np.concatenate([own, np.searchsorted(seen, inner)]))
-        changes = placed(lines, wheel, changes, own, **limits)
-        # A wheel that skids between two soils belongs to the first: no line tells.
-        inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
-        bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, seen[inner]]))
+        bounds = _where_soil_changes(samples, rows, (x, y), stretch, breaks, before, shortest)
     else:
         bounds = whole_windows(len(rows), breaks=breaks)
     x[slip < 0.0] = y[slip < 0.0] = np.nan
-    return Windows(samples, rows, bounds, x, y)
+    windows, usable = Windows(samples, rows, bounds, x, y), samples.set_aside.codes[rows] < 0
+    if usable.all():
+        return windows
+    before_each = np.concatenate([[0], np.cumsum(usable)])
+    return windows.taken(usable, np.unique(before_each[bounds]))
+
+
+def _where_soil_changes(
+    samples: Samples,
+    rows: Index,
+    coordinates: tuple[Array, Array],
+    stretch: Index,
+    breaks: Index,
+    before: int,
+    shortest: dict[str, Any],
+) -> Bounds:
+    """Return the bounds of windows of some rows, with `coordinates` on the line, where the soil changes."""
+    index = which(rows, len(samples))
+    slip, (x, y) = samples.channels["slip"][index], coordinates
+    on_average = drives(slip)
+    seen, driving = np.flatnonzero((slip >= 0.0) | on_average), np.flatnonzero(on_average)
+
+    def known(
+        chosen: Index,
+    ) -> tuple[Index | slice, Index, tuple[Array, Array], tuple[Array, Array, Array], dict[str, Any]]:
+        at = which(chosen, len(rows))
+        own = breaks if len(chosen) == len(rows) else np.flatnonzero(np.diff(stretch[at])) + 1
+        load, sinkage = (samples.channels[name][index][at] for name in ("load", "sinkage"))
+        limits = {**shortest, "distance": None if samples.distance is None else samples.distance[index][at]}
+        return at, own, (x[at], y[at]), (load, sinkage, slip[at]), limits
+
+    at, own, lines, wheel, limits = known(driving)
+    # What the line of a soil may seem to follow where the model lacks an effect.
+    followed = [samples.channels[name][index][at] for name in FOLLOWED if name in samples.channels]
+    followed += [turn[:, at] for turn in _turns(samples, index, stretch)]
+    changes = change_points(*lines, breaks=own, before=before, **limits)
+    changes = needed(*lines, followed, changes, own)
+    changes = sinkage_changes(*wheel, followed, changes, before=before, **limits)
+    inner = driving[np.setdiff1d(changes[1:-1], own, assume_unique=True)]
+    # Where soils meet under a wheel that rolls freely, the few samples on the line still tell where.
+    _, own, lines, wheel, limits = known(seen)
+    changes = whole_windows(len(seen), breaks=np.concatenate([own, np.searchsorted(seen, inner)]))
+    changes = placed(lines, wheel, changes, own, **limits)
+    # A wheel that skids between two soils belongs to the first: no line tells.
+    inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
+    return whole_windows(len(rows), breaks=np.concatenate([breaks, seen[inner]]))
 
 
 def _turns(samples: Samples, rows: Index | slice, stretch: Index) -> Iterator[Array]:
