@@ -288,6 +288,17 @@ def test_few_test_points_are_not_said_to_miss_nothing(tmp_path, terrain_est_here
     assert "Nothing is missing" not in done.stdout
 
 
+def test_of_two_samples_nothing_is_told(folder, tmp_path, terrain_est_here):
+    """A rut of two samples has no slope, and the effect that reads it is not tested."""
+    (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
+    lines = (folder / "clean.csv").read_text("utf-8").splitlines()
+    (tmp_path / "short.csv").write_text("\n".join(lines[:3]) + "\n", "utf-8")
+    done = terrain_est_here("diagnose", "short.csv", "-q", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "sinkage-relaxation: needs rut_slope" in done.stdout
+    assert "1 independent stretch of data is too few" in done.stdout
+
+
 def test_six_points_that_sink_the_deeper_the_more_they_slip(tmp_path, terrain_est_here):
     done = terrain_est_here("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.2, 0.3, 0.45, 0.6]), "--json")
     assert done.returncode == 0, done.stderr
