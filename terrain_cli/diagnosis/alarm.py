@@ -248,7 +248,8 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
         p_value = max(lowest, _of_fitted_gain(wheels, block, first))
     if p_value >= criteria.LEVEL:
-        of_late, late = of_unscored(wheels, block, scored, partial(_with_base, wheels, block))
+        testable = [one for one in scored if one.id in found.p_values]
+        of_late, late = of_unscored(wheels, block, testable, partial(_with_base, wheels, block))
         if late and of_late < criteria.LEVEL:
             p_value, first = of_late, late
             order.insert(0, order.pop(order.index(late.id)))
