@@ -90,13 +90,18 @@ def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     """Tell how often chance gives scores as strong; of too few blocks nothing is told."""
     if log.data.blocks < criteria.BLOCKS_OF_ALARM:
         return Alarm(raised=False, p_value=1.0, level=criteria.LEVEL)
-    p_value = min([1.0, *log.found.p_values.values(), *(one.p_value for one in log.failures)])
-    p_value = min(p_value, alarm.of_order(log.data, case.seed))
+    p_value = _of_scores(case, log)
     if p_value >= criteria.LEVEL:
         testable = [one for one in log.hypotheses if one.id in log.found.p_values]
         unscored, _ = alarm.of_unscored(log.data.wheels, log.block, testable, lambda: (log.data, base))
         p_value = min(p_value, unscored)
     return Alarm(raised=p_value < criteria.LEVEL, p_value=p_value, level=criteria.LEVEL)
+
+
+def _of_scores(case: Case, log: DiagnosedLog) -> float:
+    """Return how often chance gives such scores, such findings, or such an order of points."""
+    every = [*log.found.p_values.values(), *(one.p_value for one in log.failures)]
+    return min([1.0, *every, alarm.of_order(log.data, case.seed)])
 
 
 def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
@@ -199,6 +204,8 @@ def family(case: Case, ranked: Ranked) -> Family:
     # Nor where its size is not to be believed.
     clear = clear and not refit_ranking.doubt(ranked.data, *near[0])
     earned = judged.earned and clear and ranked.data.blocks >= comparison_criteria.FEWEST_BLOCKS
+    # Nor is it where it was only fitted, and no score stands out: a lag imitates much.
+    earned = earned and (not near[0][0].effects or _of_scores(case, ranked.log) < criteria.LEVEL)
     # Nor is it where a soil that changes predicts better, or where another sensor's error would do.
     earned = earned and not ranked.log.soils_are_better
     rival = outside_catalogue.sensor(ranked.drafts, *near[0]) if earned else None
