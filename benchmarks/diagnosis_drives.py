@@ -53,7 +53,7 @@ FIRST, APART = 125_000_000, 100
 FIRST_ANEW = {
     "vehicles": 126_000_000,
     "next": 127_000_000,
-    "removed": 128_000_000,
+    "removed": 129_000_000,
     "outside": 128_000_000,
 }
 NOISES = ("white", "ar1", "soil", "soil-unlabelled")
