@@ -24,7 +24,7 @@ from terrain_cli.windows import cut_windows  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "false_cuts_study.txt"
 CUTS = cut_windows.needed, cut_windows.sinkage_changes, cut_windows.placed
-FIRST, SECONDS, TURN = 9_960_000, 200.0, 200.0 / 7.0
+FIRST, SECONDS, TURN = 9_970_000, 200.0, 200.0 / 7.0
 #: A change counts as found within so many seconds.
 NEAR = 2.0
 
