@@ -1,7 +1,7 @@
 """p values: how often chance alone gives such scores, such a gain, such an order of points, such a rest."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -62,11 +62,11 @@ def of_unscored(
     wheels: Sequence[FittedWheel],
     block: Sequence[Index],
     hypotheses: Sequence[Hypothesis],
-    fitted: Callable[[], tuple[Ground, Refit]],
+    ground: Callable[[], Ground],
 ) -> tuple[float, Hypothesis | None]:
     """Return how often chance gives what hypotheses gain that no score tells of, and the best of these.
 
-    `fitted` returns the data with the base fitted; without any such hypothesis it is not called.
+    `ground` returns the data with the base fitted; without any such hypothesis it is not called.
     """
     late = _late(wheels, block) < criteria.GAINED
     # Of a law that can be written in several ways the first form tells enough.
@@ -74,7 +74,8 @@ def of_unscored(
     forms = [form for one in unscored for form in (one.forms[:1] if one.effects else one.forms)]
     if not forms:
         return 1.0, None
-    data, base = fitted()
+    data = ground()
+    base = refits.refit(data, None)
     told = [(of_gain_in_most(base.loss - refits.refit(data, form).loss), form) for form in forms]
     p_value, best = min(told, key=lambda one: one[0])
     return min(len(forms) * p_value, 1.0), best
@@ -233,11 +234,11 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
     if 1 + max(int(one.max(initial=-1)) for one in block) < criteria.BLOCKS_OF_ALARM or not scored:
         return EffectScores(p_value=1.0, raised=False, unrecorded=unrecorded)
     instead = None
+    ground = cache(lambda: refits.ground(wheels, block, several_soils.MOST_SAMPLES))
     if any(wheel.one_soil for wheel in wheels):
         scored, _ = screening.on_changing_soil(scored)
         if close:
-            cut = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
-            *_, stands = several_soils.on_fewer(cut, block, hypotheses, lambda _: None)
+            *_, stands = several_soils.on_fewer(ground(), block, hypotheses, lambda _: None)
             instead = stands.what if stands else None
     found = screening.screen(wheels, block, scored, seed)
     order = sorted(found.p_values, key=lambda name: -found.explained[name])
@@ -246,10 +247,10 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
     first = next((one for one in scored if one.id in order[:1]), None)
     if first and lowest < criteria.LEVEL and (close or p_value >= criteria.LEVEL):
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
-        p_value = max(lowest, _of_fitted_gain(wheels, block, first))
+        p_value = max(lowest, _of_fitted_gain(ground(), first))
     if p_value >= criteria.LEVEL:
         testable = [one for one in scored if one.id in found.p_values]
-        of_late, late = of_unscored(wheels, block, testable, partial(_with_base, wheels, block))
+        of_late, late = of_unscored(wheels, block, testable, ground)
         if late and of_late < criteria.LEVEL:
             p_value, first = of_late, late
             order.insert(0, order.pop(order.index(late.id)))
@@ -269,13 +270,7 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
     )
 
 
-def _with_base(wheels: Sequence[FittedWheel], block: Sequence[Index]) -> tuple[Ground, Refit]:
-    data = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
-    return data, refits.refit(data, None)
-
-
-def _of_fitted_gain(wheels: Sequence[FittedWheel], block: Sequence[Index], first: Hypothesis) -> float:
-    data = refits.ground(wheels, block, several_soils.MOST_SAMPLES)
+def _of_fitted_gain(data: Ground, first: Hypothesis) -> float:
     data = refits.with_noise_of(data, refits.refit(data, first))
     gain = refits.refit(data, None).loss - refits.refit(data, first).loss
     return at_level(gain)

@@ -45,7 +45,7 @@ def diagnose(
     log = scores(case, log)
     early(log.found)
     base = refits.refit(log.data, None)
-    alarm = steps.alarm_of_scores(case, log, base)
+    alarm = steps.alarm_of_scores(case, log)
     if not alarm.raised:
         return _silent(case, log, base, alarm)
     ranked = steps.ranking(case, log, base)

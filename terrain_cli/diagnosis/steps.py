@@ -86,14 +86,14 @@ class Two:
     fitted: list[Fitted] = field(default_factory=list)
 
 
-def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
+def alarm_of_scores(case: Case, log: DiagnosedLog) -> Alarm:
     """Tell how often chance gives scores as strong; of too few blocks nothing is told."""
     if log.data.blocks < criteria.BLOCKS_OF_ALARM:
         return Alarm(raised=False, p_value=1.0, level=criteria.LEVEL)
     p_value = _of_scores(case, log)
     if p_value >= criteria.LEVEL:
         testable = [one for one in log.hypotheses if one.id in log.found.p_values]
-        unscored, _ = alarm.of_unscored(log.data.wheels, log.block, testable, lambda: (log.data, base))
+        unscored, _ = alarm.of_unscored(log.data.wheels, log.block, testable, lambda: log.data)
         p_value = min(p_value, unscored)
     return Alarm(raised=p_value < criteria.LEVEL, p_value=p_value, level=criteria.LEVEL)
 

@@ -187,7 +187,8 @@ def cut(
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
     index = which(rows, len(samples))
     slip = samples.channels["slip"][index]
-    x, y = _coordinates(samples, rows, np.flatnonzero((slip >= 0.0) | drives(slip)))
+    on_average = drives(slip)
+    x, y = _coordinates(samples, rows, np.flatnonzero((slip >= 0.0) | on_average))
     # A soil goes on between pieces of one drive.
     stretch = (samples.stretch if samples.drive is None else samples.drive)[index]
     breaks = np.flatnonzero(np.diff(stretch)) + 1
@@ -219,7 +220,7 @@ def cut(
             "min_samples": CUT_SAMPLES if min_samples is None else min_samples,
             "min_distance": MIN_DISTANCE if window_distance is None else window_distance,
         }
-        bounds = _where_soil_changes(samples, rows, (x, y), stretch, breaks, before, shortest)
+        bounds = _where_soil_changes(samples, rows, (x, y), on_average, stretch, breaks, before, shortest)
     else:
         bounds = whole_windows(len(rows), breaks=breaks)
     x[slip < 0.0] = y[slip < 0.0] = np.nan
@@ -234,6 +235,7 @@ def _where_soil_changes(
     samples: Samples,
     rows: Index,
     coordinates: tuple[Array, Array],
+    on_average: Mask,
     stretch: Index,
     breaks: Index,
     before: int,
@@ -242,7 +244,6 @@ def _where_soil_changes(
     """Return the bounds of windows of some rows, with `coordinates` on the line, where the soil changes."""
     index = which(rows, len(samples))
     slip, (x, y) = samples.channels["slip"][index], coordinates
-    on_average = drives(slip)
     seen, driving = np.flatnonzero((slip >= 0.0) | on_average), np.flatnonzero(on_average)
 
     def known(
