@@ -10,6 +10,7 @@ import pandas as pd
 
 from terrain_cli import estimation
 from terrain_cli.api.logs import Data, windows_of
+from terrain_cli.comparison.compare import needed_segments
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.estimation.estimators import Fitted
@@ -68,7 +69,7 @@ def estimate(
         Model, method and robustness contradict each other.
     """
     fits = _fits(cut, method, model, min_samples=min_samples, folds=folds, robust=robust, at_stress=at_stress)
-    return pd.DataFrame(segment_table.join([segment_table.table(one, fit.estimates) for one, fit in fits]))
+    return pd.DataFrame(segment_table.join([segment_table.table(fit.windows, fit.estimates) for fit in fits]))
 
 
 def posterior(
@@ -98,7 +99,7 @@ def posterior(
         As for `estimate`.
     """
     fits = _fits(cut, method, model, min_samples=min_samples, folds=folds, robust=robust, joint=sys.maxsize)
-    tables = [segment_table.posterior_table(one, fit.estimates, fit.joint) for one, fit in fits]
+    tables = [segment_table.posterior_table(fit.windows, fit.estimates, fit.joint) for fit in fits]
     return pd.DataFrame(segment_table.join(tables))
 
 
@@ -149,8 +150,8 @@ def summarise(
         As for `estimate`.
     """
     fits = _fits(cut, method, model, min_samples=min_samples, robust=robust)
-    tables = [segment_table.table(one, fit.estimates) for one, fit in fits]
-    return summaries.terrains(segment_table.join(tables), estimation.join([fit.estimates for _, fit in fits]))
+    tables = [segment_table.table(fit.windows, fit.estimates) for fit in fits]
+    return summaries.terrains(segment_table.join(tables), estimation.join([fit.estimates for fit in fits]))
 
 
 def _fits(
@@ -161,12 +162,14 @@ def _fits(
     robust: bool,
     at_stress: float | None = None,
     **options: Any,
-) -> list[tuple[Windows, Fitted]]:
+) -> list[Fitted]:
     file = estimators.choose(method, model, robust=robust)
     stress, fits = None if at_stress is None else 1e3 * at_stress, []
     for one in [_lined(one) for one in windows_of(data, file.model.effects if file else ())]:
-        fit = estimators.estimate(one, method, file, robust=robust, at_stress=stress, **options)
-        fits.append((one, fit))
+        fit = estimators.estimate(
+            one, method, file, robust=robust, at_stress=stress, needed=needed_segments, **options
+        )
+        fits.append(fit)
         stress = estimators.common_stress(stress, fit)
     return fits
 

@@ -184,10 +184,11 @@ def numbered(path: Path) -> Iterator[Path]:
 
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:
     """Return what `estimate` is asked for the segments of a comparison."""
+    from terrain_cli.comparison.compare import needed_segments
     from terrain_cli.estimation import estimators
     from terrain_cli.estimation.estimators import EstimateRequest
 
     # Before the work, not after it.
     estimators.choose("auto", file, robust=given["robust"])
     options_of_estimate = {name: given[name] for name in ("min_samples", "folds", "robust", "at_stress")}
-    return EstimateRequest(wheels=cut, file=file, **options_of_estimate)
+    return EstimateRequest(wheels=cut, file=file, needed=needed_segments, **options_of_estimate)

@@ -21,16 +21,17 @@ from terrain_cli.comparison.comparison_outcome import (
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import INTERPOLATED
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.effect import CERTAIN
 from terrain_cli.vocabulary.quantities import counted, the_wheel
-from terrain_cli.windows.cut_windows import thinned
+from terrain_cli.windows.cut_windows import thinned, unbroken
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from terrain_cli.comparison.comparison_outcome import Finding
-    from terrain_cli.estimation.estimators import FitSettings
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.models import ModelFile
     from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
@@ -53,6 +54,15 @@ def on_few_soils(
     fitted, warnings = fit_wheels(wheels, model, settings, further=further, progress=progress)
     fitted, joined = held_out.join_segments(fitted, progress)
     return fitted, [*warnings, *joined]
+
+
+def needed_segments(windows: Windows, file: ModelFile) -> Windows:
+    """Take the cuts of a wheel back where one soil for each terrain predicts as well as their soils do."""
+    (fitted,), told = on_few_soils([windows], file.model, FitSettings.of([windows], file))
+    if len(fitted.windows) == len(windows):
+        return windows
+    windows.samples.remarks += told[-1:]
+    return unbroken(windows)
 
 
 def fit_wheels(

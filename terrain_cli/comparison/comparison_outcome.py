@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from terrain_cli.models import Refused
 from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.unit_doubts import Doubt
 from terrain_cli.vocabulary.arrays import Array
-from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import Windows, unbroken
 
 #: Channels that a model predicts, with their units.
 UNITS = {"torque": "N m", "drawbar_pull": "N", "sinkage": "m"}
@@ -218,10 +218,19 @@ def place_of(samples: Samples, row: int) -> str:
 
 
 class Soils(NamedTuple):
-    """The segments of a wheel, as they were cut, and their soils."""
+    """The segments of a wheel, and their soils."""
 
     segments: Windows
     estimates: WindowEstimates
+
+    def on(self, cut: Windows) -> Self:
+        """Return the soils of the segments of another cut, of which one may be that of several."""
+        soils = self.segments
+        order = np.argsort(soils.rows, kind="stable")
+        place = np.searchsorted(soils.rows[order], cut.rows[cut.bounds[:-1]])
+        soil = np.searchsorted(soils.bounds, order[np.minimum(place, len(order) - 1)], side="right") - 1
+        columns = {f.name: getattr(self.estimates, f.name)[soil] for f in fields(WindowEstimates)}
+        return type(self)(cut, replace(self.estimates, **columns | {"n": np.diff(cut.bounds)}))
 
 
 def segment_soils(comparison: Comparison) -> list[Soils]:
@@ -230,19 +239,31 @@ def segment_soils(comparison: Comparison) -> list[Soils]:
     if asked is None:
         return [_own(wheel, wheel.segments, None) for wheel in comparison.wheels]
     return [
-        Soils(cut, estimates) if estimates is not None else _own(wheel, cut, asked.stress)
-        for wheel, cut, estimates in zip(comparison.wheels, asked.wheels, asked.estimates, strict=True)
+        Soils(cut.taken(slice(None), found[0]), found[1]) if found else _own(wheel, cut, asked.stress)
+        for wheel, cut, found in zip(comparison.wheels, asked.wheels, asked.estimates, strict=True)
     ]
 
 
 def _own(wheel: WheelComparison, cut: Windows, stress: float | None) -> Soils:
-    """Return the soils that were fitted for the comparison, of which one may be that of several segments."""
     windows = wheel.windows
     nothing = np.full(len(windows), np.nan)
     line = WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
-    fitted = estimators.of_fit(wheel.fit, line, windows, stress)
-    order = np.argsort(windows.rows, kind="stable")
-    place = np.searchsorted(windows.rows[order], cut.rows[cut.bounds[:-1]])
-    soil = np.searchsorted(windows.bounds, order[np.minimum(place, len(order) - 1)], side="right") - 1
-    columns = {f.name: getattr(fitted, f.name)[soil] for f in fields(WindowEstimates)}
-    return Soils(cut, replace(fitted, **columns | {"n": np.diff(cut.bounds)}))
+    return Soils(windows, estimators.of_fit(wheel.fit, line, windows, stress)).on(cut)
+
+
+def as_estimated(comparison: Comparison) -> Comparison:
+    """Return a comparison with the segments that `estimate` has: without the cuts that it takes back."""
+    wheels, numbers = [], {}
+    for wheel, soils in zip(comparison.wheels, segment_soils(comparison), strict=True):
+        cut = wheel.segments
+        if len(soils.segments) < len(cut):
+            cut = unbroken(cut)
+            of_each = np.searchsorted(cut.bounds, wheel.segments.bounds[:-1], side="right")
+            own = wheel.source, wheel.wheel
+            numbers.update({(*own, j): (*own, int(one)) for j, one in enumerate(of_each, 1)})
+        wheels.append(replace(wheel, segments=cut))
+    failures = [
+        replace(one, worst_segments=tuple(dict.fromkeys(numbers.get(o, o) for o in one.worst_segments)))
+        for one in comparison.failures
+    ]
+    return replace(comparison, wheels=wheels, failures=failures) if numbers else comparison

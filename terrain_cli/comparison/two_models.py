@@ -24,8 +24,16 @@ def against(first: Comparison, second: Comparison) -> list[Difference]:
 
 def between_soils(first: Comparison, second: Comparison) -> list[Difference]:
     """Tell how c and φ of every segment differ with a second model."""
-    both = zip(segment_soils(first), segment_soils(second), strict=True)
-    return [difference for one, other in both for difference in _soil(one, other)]
+    return [one for both in paired_soils(first, second) for one in _soil(*both)]
+
+
+def paired_soils(first: Comparison, second: Comparison) -> list[tuple[Soils, Soils]]:
+    """Return the soils of each wheel with two models, on the segments of the one that needs more of them."""
+    pairs = []
+    for both in zip(segment_soils(first), segment_soils(second), strict=True):
+        cut = max((soils.segments for soils in both), key=len)
+        pairs.append((both[0].on(cut), both[1].on(cut)))
+    return pairs
 
 
 def both_predict(first: Comparison, second: Comparison) -> list[str]:

@@ -25,7 +25,7 @@ from terrain_cli.models import ModelFile
 from terrain_cli.rover import NOISY, SensorNoise
 from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.wheel_samples import Geometry
-from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array, Bounds
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LineMethod, Method
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
@@ -41,6 +41,7 @@ _MOST_WINDOWS = 100_000
 class Fitted:
     """Estimates of the windows of a wheel, and what they were made with."""
 
+    windows: Windows  # Without the cuts that were taken back
     estimates: WindowEstimates
     # The model, its parameters and the noise, as the summary shows them; None for the line
     account: dict[str, Any] | None = None
@@ -124,12 +125,14 @@ def estimate(
     at_stress: float | None = None,
     joint: int = 0,
     begun: Noise | None = None,
+    needed: Callable[[Windows, ModelFile], Windows] | None = None,
 ) -> Fitted:
     """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
     Strengths of all windows are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows,
     evenly spread, the joint posterior of c and φ is found as well. Learning the noise begins where it has
-    `begun`: with that of a fit of most of these samples.
+    `begun`: with that of a fit of most of these samples. Where the model misses windows that were cut where
+    the soil seems to change, `needed` says which of the cuts it needs (`comparison.needed_segments`).
     """
     if (
         file is not None
@@ -148,8 +151,8 @@ def estimate(
     if file is None:
         windows = windows.on_line()
         line = with_strengths(with_assumptions(line, windows, of_line), windows, at_stress)
-        return Fitted(line, joint=fit_account.of_line(line, asked))
-    whole, windows = windows, windows.thinned(_MOST)
+        return Fitted(windows, line, joint=fit_account.of_line(line, asked))
+    own, whole, windows = file, windows, windows.thinned(_MOST)
     rivals = models.rivals(file)
     file, beside = with_rivals(with_contact(file), windows, rivals)
     channels = {**beside, **_channels(windows)}
@@ -157,13 +160,27 @@ def estimate(
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
     fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)
+    if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
+        fewer = needed(whole, own)
+        if len(fewer) < len(whole):
+            return estimate(
+                fewer,
+                method,
+                own,
+                min_samples=min_samples,
+                folds=folds,
+                robust=robust,
+                at_stress=at_stress,
+                joint=joint,
+                begun=begun,
+            )
     remarks = windows.samples.remarks
     remarks += [text for text in fit.impossible(held) if text not in remarks]
     estimates = of_fit(fit, line, whole, at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
     told = account(windows, file, fit, held, because)
     told["rivals"] = [rival.id for rival in rivals if rival in file.model.effects]
-    return Fitted(estimates, told, posteriors, fit.noise)
+    return Fitted(whole, estimates, told, posteriors, fit.noise)
 
 
 def _channels(windows: Windows) -> dict[str, Array]:
@@ -320,13 +337,17 @@ class EstimateRequest:
     folds: int | None = None
     robust: bool = False
     at_stress: float | None = None  # In kPa
+    needed: Callable[[Windows, ModelFile], Windows] | None = None  # As for `estimators.estimate`
 
     @cached_property
-    def estimates(self) -> list[WindowEstimates | None]:
-        """Of each wheel; None without torque or sinkage, where `estimate` has no answer."""
+    def estimates(self) -> list[tuple[Bounds, WindowEstimates] | None]:
+        """Of each wheel, with the bounds of its windows, of which cuts may have been taken back.
+
+        None without torque or sinkage, where `estimate` has no answer.
+        """
         file = choose("auto", self.file, robust=self.robust)
         stresses: dict[str, float | None] = {}
-        found: list[WindowEstimates | None] = []
+        found: list[tuple[Bounds, WindowEstimates] | None] = []
         for windows in self.wheels:
             if not windows.lined:
                 found.append(None)
@@ -340,10 +361,11 @@ class EstimateRequest:
                 folds=self.folds,
                 robust=self.robust,
                 at_stress=stresses.get(source, self.stress),
+                needed=self.needed,
             )
             # Wheels of one log are compared at one stress.
             stresses[source] = common_stress(stresses.get(source, self.stress), fitted)
-            found.append(fitted.estimates)
+            found.append((fitted.windows.bounds, fitted.estimates))
         return found
 
     @property
@@ -352,7 +374,7 @@ class EstimateRequest:
         return None if self.at_stress is None else 1e3 * self.at_stress
 
 
-def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[WindowEstimates | None]]:
+def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[tuple[Bounds, WindowEstimates] | None]]:
     """Return the estimates of several requests."""
     return [one.estimates for one in asked]
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from terrain_cli import models
 from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
-from terrain_cli.comparison.compare import of_fitted, on_few_soils
-from terrain_cli.comparison.comparison_outcome import WheelComparison, segment_soils
+from terrain_cli.comparison.compare import needed_segments, of_fitted, on_few_soils
+from terrain_cli.comparison.comparison_outcome import Soils, WheelComparison
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.comparison.two_models import between_soils
+from terrain_cli.comparison.two_models import between_soils, paired_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings, estimate_beside
@@ -67,7 +67,7 @@ class _OnSoils(NamedTuple):
         found = of_fitted(fitted, seed=seed, warnings=told, **options)
         return replace(
             found,
-            soils=soils or EstimateRequest(wheels=wheels, file=file),
+            soils=soils or EstimateRequest(wheels=wheels, file=file, needed=needed_segments),
             refused=models.refused(
                 file,
                 [one.samples.source for one in wheels],
@@ -122,7 +122,7 @@ def tried(
     effects = [effect for file in (before, after) for effect in file.model.effects]
     parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
     # c and φ are those of the segments, however many soils the two models are compared on.
-    asked = [EstimateRequest(wheels=wheels, file=file) for file in (before, after)]
+    asked = [EstimateRequest(wheels=wheels, file=file, needed=needed_segments) for file in (before, after)]
     # Both processes need the catalogue, which is read before there are two.
     catalogue()
     answer = estimate_beside(asked) if beside else lambda: None
@@ -161,9 +161,9 @@ def tried(
     answer()
     first = replace(first, soils=asked[0])
     second = replace(second, warnings=remarks, soils=asked[1])
-    differences = between_soils(first, second)
+    differences, soils = between_soils(first, second), paired_soils(first, second)
     with_it, file = (second, after) if action == "add" else (first, before)
-    places = _places(parts, wheels)
+    places = _places(parts, [one.segments for one, _ in soils])
     channels, evidence = weigh(first, second, compared_after)
     open_before = _open(first)
     return Step(
@@ -180,7 +180,7 @@ def tried(
         parameters=list(_parameters(second, after, changed)),
         shifts=[_shift(name, differences, places) for name in ("c", "phi")],
         undetermined=tuple(name for name, n in _open(second).items() if n > open_before.get(name, 0)),
-        lost=list(_lost(first, second, places)),
+        lost=list(_lost(soils, places)),
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(with_it, file, changed),
         imitates=tuple(_imitating(with_it, file, changed)),
@@ -338,14 +338,13 @@ def _open(comparison: Comparison) -> dict[str, int]:
     return counts
 
 
-def _lost(first: Comparison, second: Comparison, places: Sequence[Place]) -> Iterator[Lost]:
-    before, after = (
-        [str(status) for soils in segment_soils(one) for status in soils.estimates.status]
-        for one in (first, second)
-    )
-    for place, was, now in zip(places, before, after, strict=True):
+def _lost(soils: Sequence[tuple[Soils, Soils]], places: Sequence[Place]) -> Iterator[Lost]:
+    both = [
+        pair for old, new in soils for pair in zip(old.estimates.status, new.estimates.status, strict=True)
+    ]
+    for place, (was, now) in zip(places, both, strict=True):
         if was == "ok" != now:
-            yield Lost(*place, was, now)
+            yield Lost(*place, str(was), str(now))
 
 
 class Alternative(NamedTuple):

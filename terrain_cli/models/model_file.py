@@ -16,7 +16,7 @@ from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.effect import Effect, Prior
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary import toml_files
-from terrain_cli.vocabulary.choices import BASES, EFFECT_SCALES, PRIOR_SHARES, SOIL_BOUNDS
+from terrain_cli.vocabulary.choices import BASES, MOST_SCALES, PRIOR_SHARES, SOIL_BOUNDS
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
@@ -188,7 +188,7 @@ def _bounds(model: Model, name: str) -> list[tuple[float, float]]:
         return 2 * [SOIL_BOUNDS[name]]
     own = model.parameters[name]
     return [
-        (max(p.lower, p.null - EFFECT_SCALES * p.scale), min(p.upper, p.null + EFFECT_SCALES * p.scale))
+        (max(p.lower, p.null - MOST_SCALES * p.scale), min(p.upper, p.null + MOST_SCALES * p.scale))
         for p in (own, own.anywhere)
     ]
 

@@ -15,6 +15,7 @@ from terrain_cli.comparison.comparison_outcome import (
     Difference,
     Finding,
     WheelComparison,
+    as_estimated,
     segment_soils,
 )
 from terrain_cli.diagnosis import conclusion
@@ -57,6 +58,7 @@ def document(
     asked: Sequence[Asked] = (),
 ) -> dict[str, Any]:
     """Return a comparison as it is written to JSON, a `second` model under the key "against"."""
+    comparison = as_estimated(comparison)
     result = {
         "format": FORMAT,
         "model": comparison.model,
@@ -64,6 +66,7 @@ def document(
         **_outcome(comparison, asked[0] if asked else None),
     }
     if second is not None:
+        second = as_estimated(second)
         result["against"] = {"model": second.model, **_outcome(second, asked[1] if asked else None)}
         result["differences"] = [_difference(one) for one in differences]
     return result

@@ -97,8 +97,15 @@ def run(
         cut_windows.check_number(source.path, count)
         progress(path, f"{the_wheel(samples.wheel)}: estimates of {len(cut)}", (2 + 2 * number) / steps)
         fitted = estimators.estimate(
-            cut, settings.method, file, **settings.of_fits, at_stress=stress, joint=settings.joint
+            cut,
+            settings.method,
+            file,
+            **settings.of_fits,
+            at_stress=stress,
+            joint=settings.joint,
+            needed=_needed_segments,
         )
+        cut = fitted.windows
         # Wheels of one log are compared at one stress.
         stress = estimators.common_stress(stress, fitted)
         told["model"] = fitted.account
@@ -113,6 +120,12 @@ def run(
         if settings.samples:
             outcome.samples.append(segment_table.samples(cut))
     return _finished(outcome, tables)
+
+
+def _needed_segments(cut: cut_windows.Windows, file: models.ModelFile) -> cut_windows.Windows:
+    from terrain_cli.comparison.compare import needed_segments  # Few logs need it
+
+    return needed_segments(cut, file)
 
 
 def _in_reaches(

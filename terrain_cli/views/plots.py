@@ -16,6 +16,7 @@ import numpy as np
 import formats
 from formats.output.whole_files import explained
 from terrain_cli.comparison import Comparison
+from terrain_cli.comparison.comparison_outcome import as_estimated
 from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
 from terrain_cli.errors import UsageError, nearest
 from terrain_cli.improvement.model_history import Rung
@@ -144,6 +145,7 @@ def _drawings(found: Drawn) -> Iterator[Drawing]:
 
 
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
+    comparison = as_estimated(comparison)
     shown = shown_samples.channels(comparison)
     yield "predicted-measured", partial(model_figures.predicted_measured, comparison)
     for name in shown:

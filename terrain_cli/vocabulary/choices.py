@@ -35,7 +35,7 @@ SOIL_BOUNDS = {
 }
 #: A parameter of an effect is within so many of its typical sizes, those under its wheel, from where it has
 #: no effect (judged): a fit takes at most 60 steps of two.
-EFFECT_SCALES = 1e3
+MOST_SCALES = 1e3
 #: A standard deviation of a prior is between these shares of the range of its parameter (judged): below the
 #: one the parameter is as good as fixed, above the other nothing is known of it.
 PRIOR_SHARES = (1e-9, 1e3)

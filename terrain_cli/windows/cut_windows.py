@@ -41,7 +41,7 @@ FOLLOWED = ("slip", "load", "angular_velocity", "motor_temperature", "pitch", "r
 MOST = 2_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Windows:
     """The windows of one wheel."""
 
@@ -52,6 +52,7 @@ class Windows:
     # torque or sinkage, and where the wheel skids, which no line covers
     x: Array
     y: Array
+    by_soil: bool = False  # Whether they were cut where the soil seems to change, and not as somebody asked
 
     def __len__(self) -> int:
         return len(self.bounds) - 1
@@ -101,7 +102,7 @@ class Windows:
 
     def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Windows:
         """Return windows of some of the usable samples, with bounds among these."""
-        return Windows(self.samples, self.rows[chosen], bounds, self.x[chosen], self.y[chosen])
+        return replace(self, rows=self.rows[chosen], bounds=bounds, x=self.x[chosen], y=self.y[chosen])
 
 
 def runs(bounds: Bounds, most: int) -> Iterator[tuple[int, int]]:
@@ -224,7 +225,8 @@ def cut(
     else:
         bounds = whole_windows(len(rows), breaks=breaks)
     x[slip < 0.0] = y[slip < 0.0] = np.nan
-    windows, usable = Windows(samples, rows, bounds, x, y), samples.set_aside.codes[rows] < 0
+    windows = Windows(samples=samples, rows=rows, bounds=bounds, x=x, y=y, by_soil=method == "auto")
+    usable = samples.set_aside.codes[rows] < 0
     if usable.all():
         return windows
     before_each = np.concatenate([[0], np.cumsum(usable)])
@@ -317,6 +319,16 @@ def check_number(source: str, count: int) -> None:
             f"{source}: more than {MOST:,} segments",
             hint="make them longer (--window-samples, --window-distance, --min-samples), or split the log",
         )
+
+
+def unbroken(windows: Windows) -> Windows:
+    """Return the same samples, cut only where the drive breaks off or the terrain label changes."""
+    samples, rows = windows.samples, windows.rows
+    labels = samples.labels.get("terrain")
+    drive = samples.stretch if samples.drive is None else samples.drive
+    breaks = np.flatnonzero(np.diff(drive[rows])) + 1
+    codes = np.zeros(len(rows)) if labels is None else labels.codes[rows]
+    return windows.taken(slice(None), label_windows(codes, breaks=breaks))
 
 
 def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, Index] | None:

@@ -82,7 +82,14 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
     rows = [windows.rows + at for windows, at in zip(parts, starts, strict=False)]
     inner = [windows.bounds[1:] + at for windows, at in zip(parts, bounds, strict=False)]
     x, y = (np.concatenate([getattr(windows, axis) for windows in parts]) for axis in ("x", "y"))
-    return Windows(whole, np.concatenate(rows), np.concatenate([[0], *inner]).astype(np.intp), x, y)
+    return Windows(
+        samples=whole,
+        rows=np.concatenate(rows),
+        bounds=np.concatenate([[0], *inner]).astype(np.intp),
+        x=x,
+        y=y,
+        by_soil=all(windows.by_soil for windows in parts),
+    )
 
 
 def _in_turn(samples: Sequence[Samples]) -> Iterator[Samples]:

@@ -19,7 +19,8 @@ from terrain_cli.windows.cut_windows import Windows, cut
 
 def all_of(samples, bounds=None):
     n = len(samples)
-    return Windows(samples, np.arange(n), np.array(bounds or [0, n]), np.zeros(n), np.zeros(n))
+    bounds, nothing = np.array(bounds or [0, n]), np.zeros(n)
+    return Windows(samples=samples, rows=np.arange(n), bounds=bounds, x=nothing, y=nothing)
 
 
 def some_of(samples, rows, **changed):

@@ -33,7 +33,8 @@ def samples(reason: list[int], **channels: list[float]) -> Samples:
 def windows(of: Samples, *inner: int) -> Windows:
     rows = of.usable
     bounds = np.array([0, *inner, len(rows)])
-    return Windows(of, rows, bounds, np.zeros(len(rows)), np.zeros(len(rows)))
+    nothing = np.zeros(len(rows))
+    return Windows(samples=of, rows=rows, bounds=bounds, x=nothing, y=nothing)
 
 
 @given(st.lists(st.integers(-1, 1), min_size=1).filter(lambda reasons: -1 in reasons), st.data())

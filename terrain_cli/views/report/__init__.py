@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import formats
-from terrain_cli.comparison.comparison_outcome import Comparison
+from terrain_cli.comparison.comparison_outcome import Comparison, as_estimated
 from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.improvement.change_trial import Alternative
 from terrain_cli.version import __version__
@@ -54,6 +54,7 @@ def page(
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
     """Return the report of a comparison; `further` sections follow, if there is something in them."""
+    comparison = as_estimated(comparison)
     shown, choices, chosen = sections.of(comparison, progress, asked)
     by_model = model_sections.section(models)
     kept = [section for section in (*shown, by_model, *further) if section]
