@@ -5,16 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.rover.vehicle import (
-    FILE_NAME,
-    NOISY,
-    ChannelEntry,
-    Motor,
-    Rover,
-    SensorNoise,
-    Vehicle,
-    Wheel,
-)
+from terrain_cli.rover import vehicle
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
 from terrain_cli.vocabulary.choices import BASES, K_FACTOR, METHODS, SEGMENTS, SOIL_BOUNDS
@@ -33,35 +24,37 @@ def find(explicit: str | None, first_input: str | None) -> Path | None:
     if first_input and first_input != "-":
         first = Path(first_input)
         places = [*([first] if first.is_dir() else []), first.parent, *places]
-    return next((place / FILE_NAME for place in places if (place / FILE_NAME).is_file()), None)
+    return next(
+        (place / vehicle.FILE_NAME for place in places if (place / vehicle.FILE_NAME).is_file()), None
+    )
 
 
-def load(path: str | Path | None) -> Rover:
+def load(path: str | Path | None) -> vehicle.Rover:
     """Read a rover file; without one nothing is known of the rover."""
     if path is None:
-        return Rover()
+        return vehicle.Rover()
     path = Path(path)
     content = toml_files.parse(toml_files.read_text(path), path)
     return _rover(path, _FILE(content, f"{path}: "))
 
 
-def of_text(text: str) -> Rover:
+def of_text(text: str) -> vehicle.Rover:
     """Read what a rover file would hold; raises as `load`."""
-    path = Path(FILE_NAME)
+    path = Path(vehicle.FILE_NAME)
     return replace(_rover(path, _FILE(toml_files.parse(text, path), f"{path}: ")), path=None)
 
 
-def _rover(path: Path, content: dict[str, Any]) -> Rover:
+def _rover(path: Path, content: dict[str, Any]) -> vehicle.Rover:
     motor = content.get("motor", {})
     given, channels = content.get("wheel", {}), content.get("channels", {})
-    default = Wheel(**given, channels=channels, motor=_motor(motor, f"{path}: motor"))
+    default = vehicle.Wheel(**given, channels=channels, motor=_motor(motor, f"{path}: motor"))
     wheels = {}
     for name, given in content.get("wheels", {}).items():
         own = _motor({**motor, **given.pop("motor", {})}, f"{path}: wheels.{name}.motor")
         channels = {**default.channels, **given.pop("channels", {})}
         wheels[name] = replace(default, name=name, channels=channels, motor=own, **given)
     modulus, factor = content.get("soil", {}).get("shear_modulus", (None, K_FACTOR))
-    return Rover(
+    return vehicle.Rover(
         path=path,
         default=default,
         wheels=wheels,
@@ -81,14 +74,14 @@ def _beside(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     return options | {name: str(path.parent / file) for name, file in files.items() if file not in BASES}
 
 
-def _motor(values: dict[str, float], place: str) -> Motor | None:
+def _motor(values: dict[str, float], place: str) -> vehicle.Motor | None:
     if not values:
         return None
     require(values, place, "torque_constant")
-    return Motor(**values)
+    return vehicle.Motor(**values)
 
 
-def _vehicle(value: Any, place: str) -> Vehicle:
+def _vehicle(value: Any, place: str) -> vehicle.Vehicle:
     values = _VEHICLE(value, place)
     require(values, place, "mass", "centre_of_mass")
     suspension = values.get("suspension", "rigid")
@@ -97,20 +90,20 @@ def _vehicle(value: Any, place: str) -> Vehicle:
     for key in {"rocker_pivot", "bogie_pivot"} - pivots[suspension]:
         if key in values:
             raise ConfigurationError(f"{place}: a {suspension} suspension has no {key}")
-    return Vehicle(**values)
+    return vehicle.Vehicle(**values)
 
 
 def _entry(channel: str) -> Rule:
-    def rule(value: Any, place: str) -> ChannelEntry:
+    def rule(value: Any, place: str) -> vehicle.ChannelEntry:
         if isinstance(value, str):
-            return ChannelEntry(channel=channel, place=place, column=text(value, place))
+            return vehicle.ChannelEntry(channel=channel, place=place, column=text(value, place))
         if not isinstance(value, dict):
             form = f'{{ constant = {value!r}, unit = "…" }}'
             raise ConfigurationError(f"{place}: must be a column or a table such as {form}, not {value!r}")
         values = _ENTRY(value, place)
         _check_place_of_values(values, place)
         _check_unit(channel, values, place)
-        return ChannelEntry(channel=channel, place=place, **values)
+        return vehicle.ChannelEntry(channel=channel, place=place, **values)
 
     return rule
 
@@ -155,7 +148,7 @@ def _unit(symbol: str, channel: str, place: str) -> Unit:
 
 
 def _noise(channel: str) -> Rule:
-    def rule(value: Any, place: str) -> SensorNoise:
+    def rule(value: Any, place: str) -> vehicle.SensorNoise:
         values = _NOISE(value, place)
         if not values.keys() - {"unit"}:
             what = f"{place}: give relative, absolute, offset or gain, or several of them"
@@ -167,7 +160,7 @@ def _noise(channel: str) -> Rule:
             raise ConfigurationError(f"{place}: unit of {amounts[0]} is missing", hint=unit_hint(channel))
         shares = {name: values.get(name, 0.0) for name in ("relative", "gain")}
         sizes = {name: factor * values.get(name, 0.0) for name in ("absolute", "offset")}
-        return SensorNoise(**shares, **sizes, known=bool({"relative", "absolute"} & values.keys()))
+        return vehicle.SensorNoise(**shares, **sizes, known=bool({"relative", "absolute"} & values.keys()))
 
     return rule
 
@@ -260,7 +253,7 @@ _FILE = table(
         "channels": _CHANNELS,
         "motor": _MOTOR,
         "vehicle": _vehicle,
-        "noise": table({name: _noise(name) for name in NOISY}),
+        "noise": table({name: _noise(name) for name in vehicle.NOISY}),
         # From the resolution of a clock to thirty years.
         "sampling": table(
             {"max_gap": number("a positive number of seconds, from 1e-6 to 1e9", 1e-6, 1e9), "steady": flag}
