@@ -1,5 +1,6 @@
 """Reads rover.toml, and checks the value of each key."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from terrain_cli.rover import vehicle
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
 from terrain_cli.vocabulary.choices import BASES, K_FACTOR, METHODS, SEGMENTS, SOIL_BOUNDS
-from terrain_cli.vocabulary.toml_files import Rule, choice, flag, number, require, table, tables, text, vector
+from terrain_cli.vocabulary.toml_files import Rule, choice, number, require, rules, table, tables, text
 from terrain_cli.vocabulary.units import Unit
 
 #: Fields whose unit no message type tells: effort is N, N m or A, data is anything.
@@ -181,98 +182,32 @@ def _scale(value: Any, place: str) -> Any:
     return scale
 
 
-# From a toy's wheel to twice that of the largest mining truck.
-_SIZE = number("a positive length in m, from 0.001 to 5", 1e-3, 5.0)
-_REACH = 500.0  # No vehicle is longer; m. The largest excavator with a bucket wheel has 225.
+_KEYS = tomllib.loads(Path(__file__).with_name("rover_keys.toml").read_text("utf-8"))
 #: Any number in any unit, nanoseconds since 1970 among them, whose square and the square of that are numbers.
 _ANY = number("a number from -1e20 to 1e20", -1e20, 1e20)
-_WHEEL: dict[str, Rule] = {
-    "radius": _SIZE,
-    "width": _SIZE,
-    # One for every 3 cm of the largest wheel.
-    "grouser_count": number("a whole number from 0 to 1000", 0, 1000, whole=True),
-    "grouser_height": number("a length in m from 0 to 1", 0.0, 1.0),
-}
-_CHANNELS = table({name: _entry(name) for name in CHANNELS})
-_MOTOR = table(
+_ENTRY = rules(
+    _KEYS["channel"],
     {
-        # A pager's motor has 1e-4, a wheel's hub without a gear some tens.
-        "torque_constant": number("a positive number of N m/A, from 1e-6 to 1e4", 1e-6, 1e4),
-        # A screw jack has some thousands.
-        "gear_ratio": number("a positive number, from 1e-4 to 1e6", 1e-4, 1e6),
-        # A worm gear in the cold has a tenth.
-        "efficiency": number("a positive number up to 1, at least 0.001", 1e-3, 1.0),
-        # Outside this range it is in %/K by mistake: no magnet loses 2 % per kelvin.
-        "temperature_coefficient": number("in 1/K, from -0.02 to 0.02", -0.02, 0.02),
-        # Copper melts at 1085 °C.
-        "reference_temperature": number("a temperature in °C, from -273.15 to 1000", -273.15, 1000.0),
-        # That of the largest drives under full load.
-        "no_load_current": number("a current in A, from 0 to 1e4", 0.0, 1e4),
-    }
-)
-_VEHICLE = table(
-    {
-        # The heaviest vehicle has 14,200 t.
-        "mass": number("a positive number of kg, from 0.001 to 1e8", 1e-3, 1e8),
-        # From an asteroid of 100 m to four times Jupiter.
-        "gravity": number("a positive number of m/s², from 1e-6 to 100", 1e-6, 100.0),
-        "centre_of_mass": vector(3, "[x, y, z]", _REACH),
-        "suspension": choice("rigid", "rocker", "rocker-bogie"),
-        "rocker_pivot": vector(2, "[x, z]", _REACH),
-        "bogie_pivot": vector(2, "[x, z]", _REACH),
-    }
-)
-_AMOUNT = number("a number from 0 to 1e20", 0.0, 1e20)
-_SHARE = number("a share from 0 to 1", 0.0, 1.0)
-_NOISE = table({"relative": _SHARE, "absolute": _AMOUNT, "offset": _AMOUNT, "gain": _SHARE, "unit": text})
-_ENTRY = table(
-    {
-        "topic": text,
-        "field": text,
-        "name": text,
-        # No list of a message is longer.
-        "index": number("a whole number from 0 to 4294967295", 0, 2**32 - 1, whole=True),
-        "column": text,
+        "any": _ANY,
         "constant": lambda value, place: (text if isinstance(value, str) else _ANY)(value, place),
-        "unit": text,
         "scale": _scale,
-        "offset": _ANY,
-    }
+    },
 )
+_CHANNELS = table({name: _entry(name) for name in CHANNELS})
+_MOTOR, _VEHICLE, _NOISE = (rules(_KEYS[name]) for name in ("motor", "vehicle", "noise"))
 _K = number("a positive length in m, from 0.0001 to 1", *SOIL_BOUNDS["shear_modulus"])
-_K_WITHIN = table({"value": _K, "factor": number("a factor above 1, such as 1.5", 1.001, 100.0)})
+_K_WITHIN = rules(_KEYS["shear_modulus"], {"shear modulus": _K})
+_OF_WHEEL = rules({**_KEYS["wheel"], **_KEYS["wheels"]}, {"channels": _CHANNELS, "motor": _MOTOR})
 _FILE = table(
     {
-        "wheel": table(_WHEEL),
-        "wheels": tables(
-            table(
-                {**_WHEEL, "position": vector(3, "[x, y, z]", _REACH), "channels": _CHANNELS, "motor": _MOTOR}
-            )
-        ),
+        "wheel": rules(_KEYS["wheel"]),
+        "wheels": tables(_OF_WHEEL),
         "soil": table({"shear_modulus": _modulus}),
         "channels": _CHANNELS,
         "motor": _MOTOR,
         "vehicle": _vehicle,
         "noise": table({name: _noise(name) for name in vehicle.NOISY}),
-        # From the resolution of a clock to thirty years.
-        "sampling": table(
-            {"max_gap": number("a positive number of seconds, from 1e-6 to 1e9", 1e-6, 1e9), "steady": flag}
-        ),
-        "estimate": table(
-            {
-                "method": choice(*METHODS),
-                "segments": choice(*SEGMENTS),
-                # As on the command line.
-                "min-samples": number("a whole number, at least 3 and at most 1e12", 3, 10**12, whole=True),
-                # From a grain of sand to once around the Earth.
-                "window-distance": number("a positive length in m, from 1e-6 to 4e7", 1e-6, 4e7),
-                "where": text,
-                "crs": text,
-                "model": text,
-                "robust": flag,
-                "at-stress": number("a stress in kPa, from 0 to 1e6", 0.0, 1e6),
-                "places": text,
-            }
-        ),
+        "sampling": rules(_KEYS["sampling"]),
+        "estimate": rules(_KEYS["estimate"], {"method": choice(*METHODS), "segments": choice(*SEGMENTS)}),
     }
 )

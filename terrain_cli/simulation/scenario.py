@@ -69,19 +69,8 @@ SOILS: dict[str, Soil] = {
     for name, (n, kc, kphi, c, phi) in soils.items()
 }
 
-_POSITIVE = "a positive number"
-_SOIL = toml_files.table(
-    {
-        "cohesion": toml_files.number("a cohesion in Pa, at least 0", 0.0),
-        "tan_phi": toml_files.number("a tangent of φ, from 0 to 2", 0.0, 2.0),
-        "phi_deg": toml_files.number("an angle in degrees, from 0 to 60", 0.0, 60.0),
-        "shear_modulus": toml_files.number("a positive length in m, at most 1", toml_files.ABOVE_ZERO, 1.0),
-        "sinkage_exponent": toml_files.number("a number from 0.1 to 3", 0.1, 3.0),
-        "stiffness": toml_files.number(_POSITIVE, toml_files.ABOVE_ZERO),
-        "cohesive_modulus": toml_files.number("a number, at least 0", 0.0),
-        "frictional_modulus": toml_files.number(_POSITIVE, toml_files.ABOVE_ZERO),
-    }
-)
+KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("drive_keys.toml").read_text("utf-8"))
+_SOIL = toml_files.rules(KEYS["soil"])
 
 
 def soils_rule(value: Any, place: str) -> dict[str, Soil]:
