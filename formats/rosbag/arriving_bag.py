@@ -59,8 +59,8 @@ class _Arrivals(Container):
         if self.kind == "db3":
             self.reader = GrowingDb3(file)
         else:
-            self.reader = reader_of(file, self.kind, salvage=True)
-            self._opened_part.callback(self.reader.close)
+            self.reader = records = reader_of(file, self.kind, salvage=True)
+            self._opened_part.callback(records.close)
         self.reader.recovery = self.recovered
 
     def _opened(self) -> Iterator[Reader]:

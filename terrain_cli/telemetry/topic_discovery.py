@@ -26,6 +26,7 @@ _STANDARD = re.compile(
     r"(std|sensor|geometry|nav|diagnostic|tf2|rosgraph|rcl_interfaces|visualization)_msgs/msg/"
 )
 _MESSAGES = tomllib.loads(Path(__file__).with_name("standard_messages.toml").read_text("utf-8"))
+_UNITS: list[tuple[str, str, str]] = _MESSAGES["units"]["of"]
 NAMED = -1  # Rank of what is called as a channel is: above what a standard message is taken to mean
 _VALUE = ({"data"}, {"value"})  # Members of single-valued messages that only say that there is a value
 #: Channels that every wheel has of its own, so that several of one kind tell the wheels.
@@ -70,7 +71,7 @@ def unit_symbol(message_type: str, field: str) -> str | None:
         return None
     name = message_type.rpartition("/")[2]
     bare = field.partition("[")[0]
-    for types, fields, symbol in _MESSAGES["units"]["of"]:
+    for types, fields, symbol in _UNITS:
         if re.fullmatch(types, name) and re.fullmatch(fields, bare):
             return symbol
     return None
