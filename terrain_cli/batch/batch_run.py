@@ -206,7 +206,11 @@ def run(
         name = f"{CONFIGURATIONS}/{order.configuration.hash}.json"
         if not (folder.path / name).exists():
             folder.put(name, as_json(order.configuration.document).encode() + b"\n")
-        with closing(_workers(order)) as pool:
+        limits = order.timeout, order.memory
+        workers: LocalPool | Cluster = LocalPool(order.jobs, *limits)
+        if order.scheduler is not None:
+            workers = Cluster(order.scheduler, *limits)
+        with closing(workers) as pool:
             keeper = Keeper(folder, pool, order)
             if order.settle is None:
                 keeper.add(item for item in found if not folder.own(item.location))
@@ -218,14 +222,6 @@ def run(
                 _watch(keeper, names, folder, order, report)
         _assemble(folder, order)
     return keeper.tally
-
-
-def _workers(order: Order) -> LocalPool | Cluster:
-    if order.scheduler is None:
-        return LocalPool(order.jobs, order.timeout, order.memory)
-    from terrain_cli.batch.dask_cluster import Cluster
-
-    return Cluster(order.scheduler, order.timeout, order.memory)
 
 
 def _watch(keeper: Keeper, names: Sequence[str], folder: Folder, order: Order, report: Report) -> None:

@@ -138,11 +138,7 @@ def value(shown: str, kind: Any, told: str, **more: Any) -> Callable[[F], F]:
 
 def together(*options: Callable[[F], F]) -> Callable[[F], F]:
     """Return the decorator that gives a command several options, in the order of its help."""
-
-    def decorated(command: F) -> F:
-        return reduce(lambda inner, option: option(inner), reversed(options), command)
-
-    return decorated
+    return lambda command: reduce(lambda inner, option: option(inner), reversed(options), command)
 
 
 inputs = click.argument("inputs", nargs=-1, required=True, type=paths.INPUT, metavar="INPUT…")
