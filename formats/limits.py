@@ -1,7 +1,5 @@
 """Limits for files that may be hostile: far more than real logs need, far less than what harms a machine."""
 
-from __future__ import annotations
-
 import os
 
 MIB = 1 << 20

@@ -1,7 +1,5 @@
 """A bag that is still being recorded: its messages as they are appended."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack

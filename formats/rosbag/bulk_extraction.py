@@ -8,8 +8,6 @@ ROS 1 packs its members without gaps. CDR aligns each number to its size, counte
 header; an empty list adds no gap for its elements.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """Payloads of one connection to columns: the fast way where it holds, else message by message."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from typing import Any

@@ -5,8 +5,6 @@ grows with 64 to the power of nested brackets. So a text is measured before it i
 parsed only checked names and numbers go on.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

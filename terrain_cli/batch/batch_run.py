@@ -4,8 +4,6 @@ The table is a function of what the manifest holds: a batch that was killed, ret
 ends with the same bytes. Rows stand in the order of the inputs' names, each content once, under its first.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections import Counter

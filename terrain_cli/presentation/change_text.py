@@ -1,7 +1,5 @@
 """A change of a model in a sentence, as tables for a person, and as JSON; all changes as a table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """A rover.toml drafted from what a log holds; what only its user knows is left to fill in."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

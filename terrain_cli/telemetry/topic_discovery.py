@@ -4,8 +4,6 @@ Units and axes (x forward, y left, z up) of standard messages are those of REP 1
 is not guessed: `effort` may be a torque or a current, a TwistStamped may hold what was commanded.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections import Counter

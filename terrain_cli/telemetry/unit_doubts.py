@@ -1,7 +1,5 @@
 """Doubts about the units of channels, from their sizes and from how they change together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Literal, NamedTuple, Self

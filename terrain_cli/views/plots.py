@@ -1,7 +1,5 @@
 """Pictures as files: what `--plot DIR` writes."""
 
-from __future__ import annotations
-
 import re
 import time
 import warnings

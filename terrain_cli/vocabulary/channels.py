@@ -1,7 +1,5 @@
 """The vocabulary of a wheel's telemetry: channels, their units, and the headers that mean them."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 import unicodedata

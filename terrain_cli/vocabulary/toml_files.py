@@ -3,8 +3,6 @@
 A rule takes a value and its place in the file, and returns the value as the program wants it.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math
