@@ -26,7 +26,7 @@ DEFINITION_TYPES = 1_000
 #: Fields of one message, those of its members included, and how deep they may nest.
 LEAVES = 20_000
 DEPTH = 50
-FIXED_LIST = 4_096  # Texts or messages in a list of fixed length: rosbags writes a line of code for each
+FIXED_LIST = 4_096  # Texts or messages in a list of fixed length
 METADATA_BYTES = 4 * MIB  # Of metadata.yaml and of the like inside bags: bytes
 CONNECTIONS = 20_000  # Connections of one bag
 
