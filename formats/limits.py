@@ -27,6 +27,9 @@ DEFINITION_TYPES = 1_000
 LEAVES = 20_000
 DEPTH = 50
 FIXED_LIST = 4_096  # Texts or messages in a list of fixed length
+#: Texts or messages in the lists of one message, which are walked one by one. Judged: three times the points
+#: of a dense cloud.
+WALKED = 1_000_000
 METADATA_BYTES = 4 * MIB  # Of metadata.yaml and of the like inside bags: bytes
 CONNECTIONS = 20_000  # Connections of one bag
 

@@ -10,14 +10,14 @@ header; an empty list adds no gap for its elements.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
 
+from formats.limits import WALKED
 from formats.rosbag.definitions import (
     CODES,
     DURATION,
@@ -36,6 +36,7 @@ Found: TypeAlias = tuple[Values, bool]  # A column, and whether any message has 
 Wanted: TypeAlias = tuple[Leaf, FieldRequest]
 Places: TypeAlias = int | NDArray[np.int64]  # One number for all messages, or one for each
 
+_SIZES = {base: int(code[1]) for base, code in CODES.items()}  # Bytes of each number
 #: The byte order by the first two bytes of a payload in CDR, read as a little-endian number.
 ORDERS = {0x0100: "<", 0x0000: ">"}
 
@@ -44,12 +45,11 @@ class UnevenError(Exception):
     """These messages cannot be read all at once."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Spot:
+class _Spot(NamedTuple):
     """Where something begins, and how many numbers or bytes of text it has."""
 
     begin: Places
-    count: Places = 1
+    size: Places = 1
     constant: bytes | None = None  # The bytes of a text that is the same in all messages
 
 
@@ -103,6 +103,7 @@ class _Cursor:
         self._spots: dict[str, list[_Spot]] = {name: [] for name in wanted}
         self._indices: dict[tuple[str, str], Places] = {}
         self._at: Places = 0
+        self._walked = 0
         self._message(definition.type, "")
         rest = self._sizes - self._at
         # CDR may be padded to a multiple of 4.
@@ -133,18 +134,22 @@ class _Cursor:
                 return
             if not isinstance(count, int):
                 raise UnevenError
+            self._walked += count
+            if self._walked > WALKED:
+                raise UnevenError(f"its lists have more than {WALKED:,} texts or messages")
             for _ in range(count):
                 self._member(element, name)
 
     def _numbers(self, base: str, count: Places, name: str) -> None:
-        size = int(CODES[base][1])
+        size = _SIZES[base]
         if self._aligned and size > 1:
             aligned = (self._at + size - 1) & -size
             if isinstance(count, int):
                 self._at = aligned if count else self._at
             else:
                 self._at = np.where(count > 0, aligned, self._at)
-        self._note(name, _Spot(self._at, count))
+        if name in self._spots:
+            self._spots[name].append(_Spot(self._at, count))
         self._advance(count * size)
 
     def _text(self, name: str) -> None:
@@ -156,7 +161,7 @@ class _Cursor:
             if np.any(length < 0) or self._take(begin + length, "u1").any():
                 raise UnevenError("a text of it does not end with NUL")
         if name in self._spots:
-            self._note(name, _Spot(begin, length, self._constant(begin, length)))
+            self._spots[name].append(_Spot(begin, length, self._constant(begin, length)))
 
     def _constant(self, begin: Places, length: Places) -> bytes | None:
         if not (self._stride and isinstance(begin, int) and isinstance(length, int)):
@@ -171,10 +176,6 @@ class _Cursor:
         begin = self._at
         self._advance(4)
         return _one(self._take(begin, "u4").astype(np.int64))
-
-    def _note(self, name: str, spot: _Spot) -> None:
-        if name in self._spots:
-            self._spots[name].append(spot)
 
     def _advance(self, count: Places) -> None:
         end = self._at + count
@@ -196,7 +197,7 @@ class _Cursor:
         """Return the names of the elements of a list if they fit it, else their places."""
         spots = self._spots[leaf.name]
         one_spot = leaf.kind == "numbers" and not leaf.inner and leaf.base != DURATION
-        count = int(spots[0].count if one_spot else len(spots))
+        count = int(spots[0].size if one_spot else len(spots))
         texts = [self._strings(spot, None)[0] for spot in self._spots.get(_names_of(leaf), [])]
         if texts and len(texts) == count == len(set(texts)) and all(texts):
             return tuple(texts), True
@@ -213,8 +214,8 @@ class _Cursor:
         return self._of_spots(leaf, request, spots, index)
 
     def _of_numbers(self, leaf: Leaf, request: FieldRequest, spot: _Spot, index: Places) -> Found:
-        element = _Spot(spot.begin + index * int(CODES[leaf.base][1]))
-        there = (np.asarray(index) >= 0) & (np.asarray(index) < spot.count)
+        element = _Spot(spot.begin + index * _SIZES[leaf.base])
+        there = (np.asarray(index) >= 0) & (np.asarray(index) < spot.size)
         if there.all():
             return self._values(leaf, element), True
         column = request.blank(self._rows)
@@ -255,7 +256,7 @@ class _Cursor:
     def _equals(self, spot: _Spot, text: bytes) -> bool | NDArray[np.bool_]:
         if spot.constant is not None:
             return spot.constant == text
-        same = np.broadcast_to(np.asarray(spot.count) == len(text), self._rows).copy()
+        same = np.broadcast_to(np.asarray(spot.size) == len(text), self._rows).copy()
         rows = np.flatnonzero(same)
         begins = (self._starts + spot.begin)[rows]
         letters = np.frombuffer(self._buffer, "u1")[begins[:, None] + np.arange(len(text))]
@@ -280,7 +281,7 @@ class _Cursor:
             if spot.constant is not None:
                 return np.full(count, spot.constant.decode(), dtype=object)
             begins = self._starts + spot.begin
-            ends = begins + spot.count
+            ends = begins + spot.size
             if rows is not None:
                 begins, ends = begins[rows], ends[rows]
             letters = bytes(self._buffer)

@@ -127,3 +127,9 @@ def test_a_list_that_claims_more_than_there_is():
     definition = define(connection(f"C[] x\n{BAR}MSG: a/C\nstring[] y\n"), ros1=True)
     with pytest.raises(UndecodableError):
         columns(definition, of_payloads([struct.pack("<I", 2**32 - 1) + bytes(100)]), [])
+
+
+def test_more_texts_than_are_walked():
+    definition = define(connection("string[] x\n"), ros1=True)
+    with pytest.raises(UndecodableError, match="more than 1,000,000 texts"):
+        columns(definition, of_payloads([struct.pack("<I", 1_000_001) + bytes(4 * 1_000_001)]), [])
