@@ -1,7 +1,5 @@
 """Files to named columns in batches, and tables to files; libraries are imported when a kind needs them."""
 
-from __future__ import annotations
-
 from formats.errors import CannotWriteError, DamagedError, FormatError, NotFoundError, shown
 from formats.output import check_crs, check_free, output_kind, replacing, write_parts, write_table
 from formats.source import expand, open_source

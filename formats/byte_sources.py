@@ -1,7 +1,5 @@
 """Bytes of files, of pipes and of what grows, as they come; copies of what comes only once. No devices."""
 
-from __future__ import annotations
-
 import errno
 import os
 import select

@@ -1,7 +1,5 @@
 """What a file holds, by its first bytes; its text as UTF-8, whatever it is packed in or cut off in."""
 
-from __future__ import annotations
-
 import codecs
 import io
 from typing import Any, NamedTuple

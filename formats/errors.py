@@ -6,8 +6,6 @@ FormatError          65   not what its name or content promises
 └── CannotWriteError 73   no space, no permission, no such folder
 """
 
-from __future__ import annotations
-
 import os
 
 

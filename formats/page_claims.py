@@ -4,8 +4,6 @@ Read without pyarrow, which ends the whole process where the index of a column c
 and heads of pages are structs of Thrift's compact protocol.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Collection, Iterator

@@ -1,7 +1,5 @@
 """Parquet: a file, a folder of parts, or partitions; only the columns asked for are read."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

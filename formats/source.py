@@ -1,7 +1,5 @@
 """From the names that a user gives to the inputs they stand for, each opened by what it holds."""
 
-from __future__ import annotations
-
 import glob
 import io
 import os

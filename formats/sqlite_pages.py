@@ -4,8 +4,6 @@ A table is a tree of pages; its leaves hold the rows. A file that is cut off may
 at those before them: so every page that is a leaf can be read by itself.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass

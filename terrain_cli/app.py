@@ -1,7 +1,5 @@
 """The command `terrain-est`: its verbs, and the message and exit code of every error."""
 
-from __future__ import annotations
-
 import errno
 import gc
 import importlib

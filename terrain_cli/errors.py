@@ -10,8 +10,6 @@ TerrainError             1
 `formats.errors` draws the tree of what can go wrong with a file (66, 65, 73).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 

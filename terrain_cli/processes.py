@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from multiprocessing.connection import Connection
 
 #: In bytes: a little less than the largest piece whose size the C library of Linux learns from.
@@ -189,27 +189,39 @@ def _send(waits: Connection, link: Connection, work: Callable[[], Any]) -> None:
 
 
 @contextmanager
+def answered(names: Iterable[int], answer: Callable[[int, Any], None]) -> Iterator[None]:
+    """Answer signals with a function of each and of what answered it before, in the main thread alone.
+
+    Those that are ignored, as nohup has it, are ignored still.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    before = {name: signal.getsignal(name) for name in names if main}
+    before = {name: handler for name, handler in before.items() if handler is not signal.SIG_IGN}
+    try:
+        for name in before:
+            signal.signal(name, lambda number, _: answer(number, before[number]))
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, signal.SIG_DFL if handler is None else handler)
+
+
+@contextmanager
 def noted() -> Iterator[int]:
     """Note the first wish to end instead of ending; yield what can be read from then on (`select`).
 
-    The second does what the first would have done, so that nobody has to wait. Wishes that were ignored
-    before, as nohup does, are ignored still.
+    The second does what the first would have done, so that nobody has to wait.
     """
     reader, writer = os.pipe()
 
-    def note(number: int, _: object) -> None:
+    def note(number: int, before: Any) -> None:
         os.write(writer, b"!")
-        signal.signal(number, before[number])
+        signal.signal(number, before)
 
-    names = [signal.SIGINT, *ENDINGS] if threading.current_thread() is threading.main_thread() else []
-    before = {name: signal.getsignal(name) for name in names if signal.getsignal(name) != signal.SIG_IGN}
     try:
-        for name in before:
-            signal.signal(name, note)
-        yield reader
+        with answered((signal.SIGINT, *ENDINGS), note):
+            yield reader
     finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)
         os.close(reader)
         os.close(writer)
 
@@ -228,13 +240,10 @@ class EndedError(SystemExit):
 
 @contextmanager
 def heeded() -> Iterator[None]:
-    """Raise `EndedError` in the main thread on SIGTERM and SIGHUP, where they would end the process.
-
-    Who starts it with one of them ignored, as nohup does, has that kept.
-    """
+    """Raise `EndedError` in the main thread on SIGTERM and SIGHUP, where they would end the process."""
     heard = -math.inf
 
-    def end(number: int, _: object) -> None:
+    def end(number: int, _: Any) -> None:
         nonlocal heard
         # The second must not break off what the first has begun.
         if time.monotonic() - heard < _TOGETHER:
@@ -246,12 +255,5 @@ def heeded() -> Iterator[None]:
                 child.terminate()
         raise EndedError(number)
 
-    main = threading.current_thread() is threading.main_thread()
-    taken = [name for name in ENDINGS if main and signal.getsignal(name) is signal.SIG_DFL]
-    try:
-        for name in taken:
-            signal.signal(name, end)
+    with answered([name for name in ENDINGS if signal.getsignal(name) is signal.SIG_DFL], end):
         yield
-    finally:
-        for name in taken:
-            signal.signal(name, signal.SIG_DFL)

@@ -1,7 +1,5 @@
 """The version of this program, and how it was installed: for `--version`, and hints that add a library."""
 
-from __future__ import annotations
-
 import os
 import platform
 import shlex

@@ -1,7 +1,5 @@
 """Tables to files: CSV, Parquet, JSON, GeoJSON, sequences of it, and GeoPackage."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TextIO

@@ -1,7 +1,5 @@
 """Bags: ROS 1, and MCAP, which may also grow, and SQLite of ROS 2. The same messages give the same bytes."""
 
-from __future__ import annotations
-
 import heapq
 import shutil
 from collections.abc import Iterator, Mapping, Sequence

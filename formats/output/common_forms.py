@@ -1,7 +1,5 @@
 """The forms that all writers share: of columns, of points and lines, and of reference systems."""
 
-from __future__ import annotations
-
 import io
 import math
 import re

@@ -1,7 +1,5 @@
 """GeoPackage, written by GDAL, with styles for QGIS. The same tables give the same bytes."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager

@@ -1,7 +1,5 @@
 """Parquet, and GeoParquet where there is a geometry."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable

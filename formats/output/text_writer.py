@@ -1,7 +1,5 @@
 """CSV, plain and packed, JSON, GeoJSON and sequences of GeoJSON. The same table gives the same bytes."""
 
-from __future__ import annotations
-
 import bz2
 import csv
 import gzip

@@ -1,7 +1,5 @@
 """Files written whole or not at all; and how a table that was written before is known again."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -1,7 +1,5 @@
 """A bag that is still being recorded: its messages as they are appended."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -12,7 +10,7 @@ from formats.errors import NotFoundError
 from formats.recovery import Recovery, set_aside
 from formats.rosbag.bag_files import check, damaged, first_part, next_part
 from formats.rosbag.bag_source import BagSource, Reading
-from formats.rosbag.containers import Container, Reader, of_records
+from formats.rosbag.containers import Container, Reader, reader_of
 from formats.rosbag.decoder import Decodable
 from formats.rosbag.definitions import UnusableError
 from formats.rosbag.storage.chunks import RUN_BYTES, Run
@@ -59,8 +57,8 @@ class _Arrivals(Container):
         if self.kind == "db3":
             self.reader = GrowingDb3(file)
         else:
-            self.reader = of_records(file, self.kind)
-            self._opened_part.callback(self.reader.close)
+            self.reader = records = reader_of(file, self.kind, salvage=True)
+            self._opened_part.callback(records.close)
         self.reader.recovery = self.recovered
 
     def _opened(self) -> Iterator[Reader]:

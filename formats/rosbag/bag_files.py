@@ -1,7 +1,5 @@
 """The files of a bag, one or those in the folder that rosbag2 wrote, and what is wrong with one."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import struct

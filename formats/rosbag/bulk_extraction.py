@@ -2,23 +2,22 @@
 
 A cursor walks the definition once for all messages of a batch. Its place in a message is one number as long
 as it is the same in all of them, and an array once a text or a list has differed in length. Where the layout
-itself differs, or anything does not add up, `UnevenError` sends the batch to the plain way.
+itself differs, or anything does not add up, it is an `UnevenError`; of a single message that says what is
+wrong with it.
 
 ROS 1 packs its members without gaps. CDR aligns each number to its size, counted from the end of the 4-byte
 header; an empty list adds no gap for its elements.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
 
+from formats.limits import WALKED
 from formats.rosbag.definitions import (
     CODES,
     DURATION,
@@ -34,9 +33,10 @@ from formats.rosbag.storage.raw_messages import Messages, numbers_at, parts_at
 
 Elements: TypeAlias = tuple[tuple[str, ...], bool]  # Names or places, and whether they are names
 Found: TypeAlias = tuple[Values, bool]  # A column, and whether any message has a value for it
+Wanted: TypeAlias = tuple[Leaf, FieldRequest]
 Places: TypeAlias = int | NDArray[np.int64]  # One number for all messages, or one for each
 
-LONGEST = 256  # The longest list of texts or of messages that is walked element by element
+_SIZES = {base: int(code[1]) for base, code in CODES.items()}  # Bytes of each number
 #: The byte order by the first two bytes of a payload in CDR, read as a little-endian number.
 ORDERS = {0x0100: "<", 0x0000: ">"}
 
@@ -45,19 +45,16 @@ class UnevenError(Exception):
     """These messages cannot be read all at once."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Spot:
+class _Spot(NamedTuple):
     """Where something begins, and how many numbers or bytes of text it has."""
 
     begin: Places
-    count: Places = 1
+    size: Places = 1
     constant: bytes | None = None  # The bytes of a text that is the same in all messages
 
 
-def gather(
-    definition: Definition, messages: Messages, wanted: Sequence[tuple[Leaf, FieldRequest]]
-) -> list[tuple[Values, bool]]:
-    """Take values from all messages, one at least, as `decoder.extract` does; UnevenError if it cannot be."""
+def gather(definition: Definition, messages: Messages, wanted: Sequence[Wanted]) -> list[Found]:
+    """Take values from all messages, one at least; UnevenError if they cannot be read all at once."""
     needed = {leaf.name for leaf, _ in wanted}
     needed |= {_names_of(leaf) for leaf, request in wanted if isinstance(request.key, str)}
     cursor = _Cursor(definition, messages, needed)
@@ -65,18 +62,10 @@ def gather(
 
 
 def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
-    """Tell how the elements of lists are called, as `decoder.elements_of` does, or UnevenError."""
-    # Without decoding the rest: rosbags would write and compile the code for that first.
+    """Tell how the elements of lists are called: by the names beside them if these fit (and True)."""
     wanted = {name for leaf in lists for name in (leaf.name, _names_of(leaf)) if name}
     cursor = _Cursor(definition, message, wanted)
     return [cursor.elements(leaf) for leaf in lists]
-
-
-def called(names: Sequence[str], count: int) -> Elements:
-    """Return the names of so many elements if they fit, else their places."""
-    if names and len(names) == count == len(set(names)) and all(names):
-        return tuple(names), True
-    return tuple(map(str, range(count))), False
 
 
 def _names_of(leaf: Leaf) -> str:
@@ -102,10 +91,10 @@ class _Cursor:
         if self._aligned:
             head = 4
             if int(sizes.min()) < head:
-                raise UnevenError
+                raise UnevenError("it is shorter than the header of CDR")
             headers = numbers_at(self._buffer, starts, "<u2")
             if (headers != headers[0]).any() or int(headers[0]) not in ORDERS:
-                raise UnevenError
+                raise UnevenError("its encapsulation is not that of plain CDR")
             self._order = ORDERS[int(headers[0])]
         self._starts = starts + head
         self._sizes = sizes - head
@@ -114,11 +103,12 @@ class _Cursor:
         self._spots: dict[str, list[_Spot]] = {name: [] for name in wanted}
         self._indices: dict[tuple[str, str], Places] = {}
         self._at: Places = 0
+        self._walked = 0
         self._message(definition.type, "")
         rest = self._sizes - self._at
         # CDR may be padded to a multiple of 4.
         if (rest < 0).any() or (rest > (3 if self._aligned else 0)).any():
-            raise UnevenError
+            raise UnevenError("it is longer than its members")
 
     def _message(self, type_name: str, prefix: str) -> None:
         for name, desc in members(self._definition.types, type_name):
@@ -142,20 +132,24 @@ class _Cursor:
             if element[0] == Nodetype.BASE and element[1][0] != "string":
                 self._numbers(element[1][0], count, name)
                 return
-            if not isinstance(count, int) or count > LONGEST:
+            if not isinstance(count, int):
                 raise UnevenError
+            self._walked += count
+            if self._walked > WALKED:
+                raise UnevenError(f"its lists have more than {WALKED:,} texts or messages")
             for _ in range(count):
                 self._member(element, name)
 
     def _numbers(self, base: str, count: Places, name: str) -> None:
-        size = int(CODES[base][1])
+        size = _SIZES[base]
         if self._aligned and size > 1:
             aligned = (self._at + size - 1) & -size
             if isinstance(count, int):
                 self._at = aligned if count else self._at
             else:
                 self._at = np.where(count > 0, aligned, self._at)
-        self._note(name, _Spot(self._at, count))
+        if name in self._spots:
+            self._spots[name].append(_Spot(self._at, count))
         self._advance(count * size)
 
     def _text(self, name: str) -> None:
@@ -165,9 +159,9 @@ class _Cursor:
         if self._aligned:
             length -= 1
             if np.any(length < 0) or self._take(begin + length, "u1").any():
-                raise UnevenError
+                raise UnevenError("a text of it does not end with NUL")
         if name in self._spots:
-            self._note(name, _Spot(begin, length, self._constant(begin, length)))
+            self._spots[name].append(_Spot(begin, length, self._constant(begin, length)))
 
     def _constant(self, begin: Places, length: Places) -> bytes | None:
         if not (self._stride and isinstance(begin, int) and isinstance(length, int)):
@@ -183,14 +177,10 @@ class _Cursor:
         self._advance(4)
         return _one(self._take(begin, "u4").astype(np.int64))
 
-    def _note(self, name: str, spot: _Spot) -> None:
-        if name in self._spots:
-            self._spots[name].append(spot)
-
     def _advance(self, count: Places) -> None:
         end = self._at + count
         if end > self._least if isinstance(end, int) else (end > self._sizes).any():
-            raise UnevenError
+            raise UnevenError("it ends too early")
         self._at = _one(end)
 
     def _take(self, begin: Places, code: str, rows: NDArray[np.int64] | None = None) -> NDArray[Any]:
@@ -207,11 +197,11 @@ class _Cursor:
         """Return the names of the elements of a list if they fit it, else their places."""
         spots = self._spots[leaf.name]
         one_spot = leaf.kind == "numbers" and not leaf.inner and leaf.base != DURATION
-        count = spots[0].count if one_spot else len(spots)
-        if not isinstance(count, int):
-            raise UnevenError
+        count = int(spots[0].size if one_spot else len(spots))
         texts = [self._strings(spot, None)[0] for spot in self._spots.get(_names_of(leaf), [])]
-        return called(texts, count)
+        if texts and len(texts) == count == len(set(texts)) and all(texts):
+            return tuple(texts), True
+        return tuple(map(str, range(count))), False
 
     def values(self, leaf: Leaf, request: FieldRequest) -> Found:
         """Return the column of a request, and whether any message has a value for it."""
@@ -224,8 +214,8 @@ class _Cursor:
         return self._of_spots(leaf, request, spots, index)
 
     def _of_numbers(self, leaf: Leaf, request: FieldRequest, spot: _Spot, index: Places) -> Found:
-        element = _Spot(spot.begin + index * int(CODES[leaf.base][1]))
-        there = (np.asarray(index) >= 0) & (np.asarray(index) < spot.count)
+        element = _Spot(spot.begin + index * _SIZES[leaf.base])
+        there = (np.asarray(index) >= 0) & (np.asarray(index) < spot.size)
         if there.all():
             return self._values(leaf, element), True
         column = request.blank(self._rows)
@@ -266,7 +256,7 @@ class _Cursor:
     def _equals(self, spot: _Spot, text: bytes) -> bool | NDArray[np.bool_]:
         if spot.constant is not None:
             return spot.constant == text
-        same = np.broadcast_to(np.asarray(spot.count) == len(text), self._rows).copy()
+        same = np.broadcast_to(np.asarray(spot.size) == len(text), self._rows).copy()
         rows = np.flatnonzero(same)
         begins = (self._starts + spot.begin)[rows]
         letters = np.frombuffer(self._buffer, "u1")[begins[:, None] + np.arange(len(text))]
@@ -291,14 +281,14 @@ class _Cursor:
             if spot.constant is not None:
                 return np.full(count, spot.constant.decode(), dtype=object)
             begins = self._starts + spot.begin
-            ends = begins + spot.count
+            ends = begins + spot.size
             if rows is not None:
                 begins, ends = begins[rows], ends[rows]
             letters = bytes(self._buffer)
             texts = [letters[a:b] for a, b in zip(begins.tolist(), ends.tolist(), strict=True)]
             decoded = {text: text.decode() for text in set(texts)}
         except UnicodeDecodeError as error:
-            raise UnevenError from error
+            raise UnevenError("a text of it is not UTF-8") from error
         column = np.empty(count, dtype=object)
         column[:] = [decoded[text] for text in texts]
         return column

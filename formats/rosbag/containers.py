@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import weakref
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, TypeAlias
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.db3 import Db3File
     from formats.rosbag.storage.mcap import McapFile
     from formats.rosbag.storage.raw_messages import Messages
-    from formats.rosbag.storage.record_file import RecordFile
     from formats.rosbag.storage.ros1 import Ros1File
     from formats.rosbag.storage.salvaged_file import SalvagedFile
 
@@ -155,13 +155,7 @@ class Container:
     def _salvage(self, file: Path) -> SalvagedFile:
         name = self._recording.name(file)
         check(file, self.kind, name, salvage=True)
-        reader: SalvagedFile
-        if self.kind == "db3":
-            from formats.rosbag.storage.salvaged_db3 import SalvagedDb3
-
-            reader = SalvagedDb3(file)
-        else:
-            reader = of_records(file, self.kind)
+        reader: SalvagedFile = reader_of(file, self.kind, salvage=True)
         try:
             reader.open()
         except OSError:
@@ -180,7 +174,7 @@ class Container:
     def _open(self, file: Path) -> Reader:
         name = self._recording.name(file)
         check(file, self.kind, name)
-        reader = _reader(file, self.kind)
+        reader: Reader = reader_of(file, self.kind, salvage=False)
         try:
             reader.open()
         except Exception as error:  # rosbags answers damaged bytes with any exception there is
@@ -191,27 +185,16 @@ class Container:
         return reader
 
 
-def _reader(file: Path, kind: str) -> Reader:
+#: By the kind of a file: what reads a whole one, and what reads one that is damaged or still written.
+_READERS = {
+    "ros1": ("ros1.Ros1File", "salvaged_ros1.SalvagedRos1"),
+    "mcap": ("mcap.McapFile", "salvaged_mcap.SalvagedMcap"),
+    "db3": ("db3.Db3File", "salvaged_db3.SalvagedDb3"),
+}
+
+
+def reader_of(file: Path, kind: str, *, salvage: bool) -> Any:
+    """Return what reads a file; not opened yet."""
     # What rosbags imports to read ROS 2 takes longer than to read a minute of ROS 1.
-    if kind == "ros1":
-        from formats.rosbag.storage.ros1 import Ros1File
-
-        return Ros1File(file)
-    if kind == "mcap":
-        from formats.rosbag.storage.mcap import McapFile
-
-        return McapFile(file)
-    from formats.rosbag.storage.db3 import Db3File
-
-    return Db3File(file)
-
-
-def of_records(file: Path, kind: str) -> RecordFile:
-    """Return what reads a damaged MCAP or ROS 1 file, or one that is still written; not opened yet."""
-    if kind == "ros1":
-        from formats.rosbag.storage.salvaged_ros1 import SalvagedRos1
-
-        return SalvagedRos1(file)
-    from formats.rosbag.storage.salvaged_mcap import SalvagedMcap
-
-    return SalvagedMcap(file)
+    module, _, name = _READERS[kind][salvage].partition(".")
+    return getattr(import_module(f"formats.rosbag.storage.{module}"), name)(file)

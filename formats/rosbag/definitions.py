@@ -1,16 +1,13 @@
 """Message definitions: from the text in the bag to the fields a person can name.
 
-rosbags trusts the texts: it writes Python for each type and runs it, and its parser of IDL takes time that
-grows with 64 to the power of nested brackets. So a text is measured before it is parsed, and of what was
-parsed only checked names and numbers go on.
+rosbags trusts the texts: its parser of IDL takes time that grows with 64 to the power of nested brackets. So
+a text is measured before it is parsed, and of what was parsed only checked names and numbers go on.
 """
-
-from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -18,8 +15,6 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-from rosbags.typesys.base import normalize_fieldname
-from rosbags.typesys.store import Typestore
 
 from formats import limits
 from formats.limits import LEAVES, TooMuchError
@@ -111,16 +106,6 @@ class Definition:
     types: Typesdict
     leaves: dict[str, Leaf]
     origin: str = ""  # Where the definition is from, if not from the file
-
-    @cached_property
-    def store(self) -> Typestore:
-        """What decodes single messages; for each type rosbags writes and compiles a class."""
-        if self.origin:
-            return get_typestore(_STANDARD[self.ros1])
-        # A store of its own: two connections may define one type differently.
-        store = get_typestore(Stores.EMPTY)
-        store.register({name: self.types[name] for name in self.types.keys() - BUILT_IN.keys()})
-        return store
 
     @property
     def stamped(self) -> bool:
@@ -256,7 +241,7 @@ def _check_idl(text: str) -> None:
 
 
 def _checked(types: Typesdict) -> Typesdict:
-    """Return parsed types as code may be written from them: no constants, and each name an identifier."""
+    """Return parsed types without their constants, if they are within bounds and each name is one."""
     if len(types) > limits.DEFINITION_TYPES:
         raise TooMuchError(f"a message definition has more than {limits.DEFINITION_TYPES:,} types")
     elements = 0
@@ -273,7 +258,7 @@ def _checked(types: Typesdict) -> Typesdict:
     for name in types:
         _measure(name, types, known)
     for name, (_, fields) in types.items():
-        if len({normalize_fieldname(field) for field, _ in fields}) < len(fields):
+        if len({field for field, _ in fields}) < len(fields):
             raise ValueError(f"members of {name} have one name")
     return {name: ([], fields) for name, (_, fields) in types.items()}
 

@@ -1,7 +1,5 @@
 """Tables of text, CSV and its kin, plain or compressed; and texts in them that a spreadsheet would run."""
 
-from __future__ import annotations
-
 import re
 
 #: As OWASP lists them ("CSV injection"), with their wide forms. A sign alone is nothing to run.

@@ -1,7 +1,5 @@
 """The rows of a table that is still being written: CSV with a header, or JSON Lines."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter

@@ -1,7 +1,5 @@
 """Text of cells to numbers, times and labels, in bulk."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Tables of text: CSV and its kin, plain or compressed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How a text table is written: told from its first lines."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

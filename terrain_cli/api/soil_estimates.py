@@ -1,7 +1,5 @@
 """The soil of every window, as tables."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

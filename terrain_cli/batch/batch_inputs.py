@@ -1,7 +1,5 @@
 """The inputs that files, folders, patterns and addresses in stores (extra `remote`) stand for."""
 
-from __future__ import annotations
-
 import os
 import re
 import stat

@@ -4,8 +4,6 @@ The table is a function of what the manifest holds: a batch that was killed, ret
 ends with the same bytes. Rows stand in the order of the inputs' names, each content once, under its first.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections import Counter
@@ -206,7 +204,11 @@ def run(
         name = f"{CONFIGURATIONS}/{order.configuration.hash}.json"
         if not (folder.path / name).exists():
             folder.put(name, as_json(order.configuration.document).encode() + b"\n")
-        with closing(_workers(order)) as pool:
+        limits = order.timeout, order.memory
+        workers: LocalPool | Cluster = LocalPool(order.jobs, *limits)
+        if order.scheduler is not None:
+            workers = Cluster(order.scheduler, *limits)
+        with closing(workers) as pool:
             keeper = Keeper(folder, pool, order)
             if order.settle is None:
                 keeper.add(item for item in found if not folder.own(item.location))
@@ -218,14 +220,6 @@ def run(
                 _watch(keeper, names, folder, order, report)
         _assemble(folder, order)
     return keeper.tally
-
-
-def _workers(order: Order) -> LocalPool | Cluster:
-    if order.scheduler is None:
-        return LocalPool(order.jobs, order.timeout, order.memory)
-    from terrain_cli.batch.dask_cluster import Cluster
-
-    return Cluster(order.scheduler, order.timeout, order.memory)
 
 
 def _watch(keeper: Keeper, names: Sequence[str], folder: Folder, order: Order, report: Report) -> None:

@@ -1,7 +1,5 @@
 """The coordinator: decides what is done for each input, and alone writes into the folder."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ The cluster reads inputs and hands back bytes; only the keeper writes. So the gu
 machine: a worker that dies costs the time it has spent, and each task runs in a process of its own.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import queue

@@ -12,14 +12,13 @@ import json
 import os
 import signal
 import sys
-import threading
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal
 
 from formats.output.whole_files import explained
-from terrain_cli.processes import ENDINGS
+from terrain_cli.processes import ENDINGS, answered
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,19 +35,11 @@ Status = Literal["ok", "failed", "duplicate"]
 def uninterrupted() -> Iterator[None]:
     """Have Ctrl-C, SIGTERM and SIGHUP wait until what belongs together is done."""
     # Handlers run in the main thread, whichever gets the signal: a mask would keep it from one only.
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     waiting: list[int] = []
-    before: dict[int, Any] = {}
     try:
-        for name in (signal.SIGINT, *ENDINGS):
-            if signal.getsignal(name) is not signal.SIG_IGN:
-                before[name] = signal.signal(name, lambda number, _: waiting.append(number))
-        yield
+        with answered((signal.SIGINT, *ENDINGS), lambda number, _: waiting.append(number)):
+            yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
         for number in waiting:
             signal.raise_signal(number)
 

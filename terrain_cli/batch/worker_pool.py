@@ -2,8 +2,6 @@
 # Not concurrent.futures: there one process that the system kills takes all the others' tasks with it, and
 # none can be stopped. Not multiprocessing.Process: the workers of a cluster may start none.
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pickle

@@ -1,7 +1,5 @@
 """What workers are sent: an order with the settings that decide on the numbers, and tasks for each input."""
 
-from __future__ import annotations
-
 import errno
 import json
 import platform

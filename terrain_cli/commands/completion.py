@@ -1,7 +1,5 @@
 """`terrain-est completion SHELL`."""
 
-from __future__ import annotations
-
 import click
 from click.shell_completion import BashComplete, FishComplete, ZshComplete
 

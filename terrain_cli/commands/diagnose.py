@@ -1,7 +1,5 @@
 """`terrain-est diagnose INPUT…`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

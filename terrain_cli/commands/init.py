@@ -1,7 +1,5 @@
 """`terrain-est init INPUT`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

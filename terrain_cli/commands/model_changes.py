@@ -89,9 +89,9 @@ def change(context: click.Context, action: Action) -> None:
     changed = (models.added if action == "add" else models.removed)(before, names, modulus)
     if not given["inputs"]:
         entry = model_history.untested(action, changed.ids, changed.file)
-        sentence = change_text.untested_sentence(action, changed.ids)
+        told = change_text.untested(entry)
         _write(given["file"], changed.file, entry)
-        _tell(context, sentence, change_text.untested(entry, sentence))
+        _tell(context, told["sentence"], told)
         return
     step = _tried(context, action, before, changed, given["inputs"])
     if given.get("confirm") and step.pays:

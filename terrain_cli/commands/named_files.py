@@ -4,8 +4,6 @@ A result that this program wrote before is told by what each kind begins with, w
 name: the first columns of a table never change, since scripts are built on them.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

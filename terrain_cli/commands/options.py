@@ -15,14 +15,7 @@ from click.shell_completion import CompletionItem
 from terrain_cli.commands import paths
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.run.settings import Settings
-from terrain_cli.vocabulary.choices import (
-    CUT_SAMPLES,
-    FIT_SAMPLES,
-    METHODS,
-    MIN_DISTANCE,
-    MOST_VALLEYS,
-    SEGMENTS,
-)
+from terrain_cli.vocabulary import choices
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -145,11 +138,7 @@ def value(shown: str, kind: Any, told: str, **more: Any) -> Callable[[F], F]:
 
 def together(*options: Callable[[F], F]) -> Callable[[F], F]:
     """Return the decorator that gives a command several options, in the order of its help."""
-
-    def decorated(command: F) -> F:
-        return reduce(lambda inner, option: option(inner), reversed(options), command)
-
-    return decorated
+    return lambda command: reduce(lambda inner, option: option(inner), reversed(options), command)
 
 
 inputs = click.argument("inputs", nargs=-1, required=True, type=paths.INPUT, metavar="INPUT…")
@@ -174,15 +163,16 @@ wheel = click.option(
 )
 segments = click.option(
     "--segments",
-    type=click.Choice(SEGMENTS),
-    default=SEGMENTS[0],
+    type=click.Choice(choices.SEGMENTS),
+    default=choices.SEGMENTS[0],
     show_default=True,
     help="Cut segments where the soil changes, at a fixed length, by terrain label, or not at all.",
 )
 window_distance = value(
     "--window-distance M",
     POSITIVE,
-    f"Length of a segment in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
+    "Length of a segment in metres: exact for fixed, the least for auto.  "
+    f"[auto: {choices.MIN_DISTANCE:.2f}]",
 )
 window_samples = value(
     "--window-samples N", click.IntRange(3, MOST_SAMPLES), "Length of a fixed segment in samples."
@@ -194,8 +184,8 @@ where = click.option(
 )
 method = click.option(
     "--method",
-    type=click.Choice(METHODS),
-    default=METHODS[0],
+    type=click.Choice(choices.METHODS),
+    default=choices.METHODS[0],
     show_default=True,
     help="Estimator of c, φ and strength. auto: the full model, or what --model says; for long tables and "
     "the linear model least squares, and ridge where that is ill-conditioned. recursive: Kalman filter. "
@@ -204,7 +194,7 @@ method = click.option(
 min_samples = value(
     "--min-samples N",
     click.IntRange(3, MOST_SAMPLES),
-    f"Fewest samples of a segment.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
+    f"Fewest samples of a segment.  [{choices.CUT_SAMPLES} to cut, {choices.FIT_SAMPLES} to estimate]",
 )
 folds = value(
     "--folds N",
@@ -288,7 +278,7 @@ def settings(given: Mapping[str, Any]) -> Settings:
         wheels=tuple(given["wheels"]),
         places=tables.load(given["places"], given["crs"]) if given["places"] else None,
         samples=bool(given.get("samples")),
-        joint=sys.maxsize if given.get("posterior") else MOST_VALLEYS if given.get("plot") else 0,
+        joint=sys.maxsize if given.get("posterior") else choices.MOST_VALLEYS if given.get("plot") else 0,
         whole=any(given.get(name) for name in ("rejects", "trace", "samples", "posterior", "plot")),
     )
     # Whether the model can be read, and goes with the method.

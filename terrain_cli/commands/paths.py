@@ -4,8 +4,6 @@ Every option that names a file has one of the types below. `Verb` compares what 
 work begins: by what the files are, not by their names, so that a link to an input is that input.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress

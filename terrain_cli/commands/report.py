@@ -1,7 +1,5 @@
 """`terrain-est report INPUT… -o FILE.html`."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`terrain-est simulate [DRIVE.toml]`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

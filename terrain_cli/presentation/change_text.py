@@ -1,7 +1,5 @@
 """A change of a model in a sentence, as tables for a person, and as JSON; all changes as a table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -15,7 +13,6 @@ from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import held_out_error
 from terrain_cli.improvement.improvement_outcome import (
-    Action,
     ChannelChange,
     Estimated,
     Shift,
@@ -54,12 +51,6 @@ def verdict(step: Step) -> str:
     uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
     partly = " overall" if step.fell else uncertain
     return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
-
-
-def untested_sentence(action: Action, changed: Sequence[str]) -> str:
-    done = {"add": "added", "remove": "removed"}[action]
-    are = "is" if len(changed) == 1 else "are"
-    return f"{listed(changed)} {are} {done}, without a test: no --data was given"
 
 
 def tried(step: Step) -> str:
@@ -207,13 +198,15 @@ def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
     return comparison_text.conclusion_of(conclusion.of_comparison(now, refused), now, asked)
 
 
-def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
+def untested(entry: dict[str, Any]) -> dict[str, Any]:
     """Return a change that was made without data, from `model_history.untested`, as it is written to JSON."""
+    done = {"add": "added", "remove": "removed"}[entry["action"]]
+    are = "is" if len(entry["changed"]) == 1 else "are"
     return {
         "format": FORMAT,
         "action": entry["action"],
         "changed": entry["changed"],
-        "sentence": sentence,
+        "sentence": f"{listed(entry['changed'])} {are} {done}, without a test: no --data was given",
         "tested": False,
         "pays": None,
         "kept": True,

@@ -1,7 +1,5 @@
 """A comparison, and what a verb says at its end, as JSON and for a person."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

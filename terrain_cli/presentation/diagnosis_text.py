@@ -1,7 +1,5 @@
 """A diagnosis as JSON, and as a sentence and tables for a person."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Effects as a person reads them, and as JSON."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterable

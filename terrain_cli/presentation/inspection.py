@@ -1,7 +1,5 @@
 """What a log holds, what would be used of it, and what rover.toml would have to say for the rest."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime

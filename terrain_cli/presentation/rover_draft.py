@@ -1,8 +1,7 @@
 """A rover.toml drafted from what a log holds; what only its user knows is left to fill in."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
+from pathlib import Path
 
 from formats import Source
 from terrain_cli.errors import TerrainError
@@ -16,23 +15,7 @@ from terrain_cli.telemetry.wheel_samples import Feed, Raw
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 
-_TOP = """\
-# rover.toml for {name}, drafted from what the log holds.
-# Still to fill in: {left}.
-# Write each value in place of its …, and remove the # before it. Delete the lines that you do not need.
-# Each channel is shown with its range. If the unit taken is wrong, add unit = "…".
-"""
-_WHEEL = """\
-[wheel]
-# radius = …          # m, from the axle to the rim
-# width = …           # m, of the rim
-# grouser_count = …   # if it has grousers
-# grouser_height = …  # m
-"""
-_SOIL = """\
-[soil]
-# shear_modulus = …   # m, the k assumed of the soil: 0.001 to 0.04, right to within a factor of 2
-"""
+_TEMPLATE = Path(__file__).with_name("rover_draft.txt").read_text("utf-8")
 _OWN = """\
 # Here what differs from [wheel]: radius, width, grouser_count, grouser_height.
 # position = [x, y, z]  # m forward, left and up of one point of the body; {why}
@@ -63,8 +46,7 @@ def draft(source: Source) -> tuple[str, list[str]]:
         lacks = [lack for its in found.lacks.values() for lack in its if lack.what in CHANNELS]
         left += ["position of each wheel"] * _turns(found)
         left += dict.fromkeys(channel for lack in lacks for channel in lack.ask or (lack.what,))
-    top = _TOP.format(name=name, left=", ".join(left))
-    return "\n".join((top, _WHEEL, _SOIL, *channels)) + "\n", left
+    return _TEMPLATE.format(name=name, left=", ".join(left), channels="\n".join(channels)), left
 
 
 def _turns(found: Holdings) -> bool:

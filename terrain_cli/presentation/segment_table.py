@@ -1,7 +1,5 @@
 """The table of segments in the columns that users rely on, and of their joint posteriors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence, Sized
 from itertools import chain
 from sys import intern

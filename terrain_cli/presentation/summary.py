@@ -1,7 +1,5 @@
 """What a mission team reads first: the soils by terrain and wheel, and what was set aside."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

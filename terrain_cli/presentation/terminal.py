@@ -1,7 +1,5 @@
 """Safe output and progress: control characters escaped, faults of the terminal harmless, no NaN in JSON."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

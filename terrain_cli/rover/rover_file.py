@@ -1,24 +1,16 @@
 """Reads rover.toml, and checks the value of each key."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.rover.vehicle import (
-    FILE_NAME,
-    NOISY,
-    ChannelEntry,
-    Motor,
-    Rover,
-    SensorNoise,
-    Vehicle,
-    Wheel,
-)
+from terrain_cli.rover import vehicle
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
 from terrain_cli.vocabulary.choices import BASES, K_FACTOR, METHODS, SEGMENTS, SOIL_BOUNDS
-from terrain_cli.vocabulary.toml_files import Rule, choice, flag, number, require, table, tables, text, vector
+from terrain_cli.vocabulary.toml_files import Rule, choice, number, require, rules, table, tables, text
 from terrain_cli.vocabulary.units import Unit
 
 #: Fields whose unit no message type tells: effort is N, N m or A, data is anything.
@@ -33,35 +25,37 @@ def find(explicit: str | None, first_input: str | None) -> Path | None:
     if first_input and first_input != "-":
         first = Path(first_input)
         places = [*([first] if first.is_dir() else []), first.parent, *places]
-    return next((place / FILE_NAME for place in places if (place / FILE_NAME).is_file()), None)
+    return next(
+        (place / vehicle.FILE_NAME for place in places if (place / vehicle.FILE_NAME).is_file()), None
+    )
 
 
-def load(path: str | Path | None) -> Rover:
+def load(path: str | Path | None) -> vehicle.Rover:
     """Read a rover file; without one nothing is known of the rover."""
     if path is None:
-        return Rover()
+        return vehicle.Rover()
     path = Path(path)
     content = toml_files.parse(toml_files.read_text(path), path)
     return _rover(path, _FILE(content, f"{path}: "))
 
 
-def of_text(text: str) -> Rover:
+def of_text(text: str) -> vehicle.Rover:
     """Read what a rover file would hold; raises as `load`."""
-    path = Path(FILE_NAME)
+    path = Path(vehicle.FILE_NAME)
     return replace(_rover(path, _FILE(toml_files.parse(text, path), f"{path}: ")), path=None)
 
 
-def _rover(path: Path, content: dict[str, Any]) -> Rover:
+def _rover(path: Path, content: dict[str, Any]) -> vehicle.Rover:
     motor = content.get("motor", {})
     given, channels = content.get("wheel", {}), content.get("channels", {})
-    default = Wheel(**given, channels=channels, motor=_motor(motor, f"{path}: motor"))
+    default = vehicle.Wheel(**given, channels=channels, motor=_motor(motor, f"{path}: motor"))
     wheels = {}
     for name, given in content.get("wheels", {}).items():
         own = _motor({**motor, **given.pop("motor", {})}, f"{path}: wheels.{name}.motor")
         channels = {**default.channels, **given.pop("channels", {})}
         wheels[name] = replace(default, name=name, channels=channels, motor=own, **given)
     modulus, factor = content.get("soil", {}).get("shear_modulus", (None, K_FACTOR))
-    return Rover(
+    return vehicle.Rover(
         path=path,
         default=default,
         wheels=wheels,
@@ -81,14 +75,14 @@ def _beside(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     return options | {name: str(path.parent / file) for name, file in files.items() if file not in BASES}
 
 
-def _motor(values: dict[str, float], place: str) -> Motor | None:
+def _motor(values: dict[str, float], place: str) -> vehicle.Motor | None:
     if not values:
         return None
     require(values, place, "torque_constant")
-    return Motor(**values)
+    return vehicle.Motor(**values)
 
 
-def _vehicle(value: Any, place: str) -> Vehicle:
+def _vehicle(value: Any, place: str) -> vehicle.Vehicle:
     values = _VEHICLE(value, place)
     require(values, place, "mass", "centre_of_mass")
     suspension = values.get("suspension", "rigid")
@@ -97,20 +91,20 @@ def _vehicle(value: Any, place: str) -> Vehicle:
     for key in {"rocker_pivot", "bogie_pivot"} - pivots[suspension]:
         if key in values:
             raise ConfigurationError(f"{place}: a {suspension} suspension has no {key}")
-    return Vehicle(**values)
+    return vehicle.Vehicle(**values)
 
 
 def _entry(channel: str) -> Rule:
-    def rule(value: Any, place: str) -> ChannelEntry:
+    def rule(value: Any, place: str) -> vehicle.ChannelEntry:
         if isinstance(value, str):
-            return ChannelEntry(channel=channel, place=place, column=text(value, place))
+            return vehicle.ChannelEntry(channel=channel, place=place, column=text(value, place))
         if not isinstance(value, dict):
             form = f'{{ constant = {value!r}, unit = "…" }}'
             raise ConfigurationError(f"{place}: must be a column or a table such as {form}, not {value!r}")
         values = _ENTRY(value, place)
         _check_place_of_values(values, place)
         _check_unit(channel, values, place)
-        return ChannelEntry(channel=channel, place=place, **values)
+        return vehicle.ChannelEntry(channel=channel, place=place, **values)
 
     return rule
 
@@ -155,7 +149,7 @@ def _unit(symbol: str, channel: str, place: str) -> Unit:
 
 
 def _noise(channel: str) -> Rule:
-    def rule(value: Any, place: str) -> SensorNoise:
+    def rule(value: Any, place: str) -> vehicle.SensorNoise:
         values = _NOISE(value, place)
         if not values.keys() - {"unit"}:
             what = f"{place}: give relative, absolute, offset or gain, or several of them"
@@ -167,7 +161,7 @@ def _noise(channel: str) -> Rule:
             raise ConfigurationError(f"{place}: unit of {amounts[0]} is missing", hint=unit_hint(channel))
         shares = {name: values.get(name, 0.0) for name in ("relative", "gain")}
         sizes = {name: factor * values.get(name, 0.0) for name in ("absolute", "offset")}
-        return SensorNoise(**shares, **sizes, known=bool({"relative", "absolute"} & values.keys()))
+        return vehicle.SensorNoise(**shares, **sizes, known=bool({"relative", "absolute"} & values.keys()))
 
     return rule
 
@@ -188,98 +182,32 @@ def _scale(value: Any, place: str) -> Any:
     return scale
 
 
-# From a toy's wheel to twice that of the largest mining truck.
-_SIZE = number("a positive length in m, from 0.001 to 5", 1e-3, 5.0)
-_REACH = 500.0  # No vehicle is longer; m. The largest excavator with a bucket wheel has 225.
+_KEYS = tomllib.loads(Path(__file__).with_name("rover_keys.toml").read_text("utf-8"))
 #: Any number in any unit, nanoseconds since 1970 among them, whose square and the square of that are numbers.
 _ANY = number("a number from -1e20 to 1e20", -1e20, 1e20)
-_WHEEL: dict[str, Rule] = {
-    "radius": _SIZE,
-    "width": _SIZE,
-    # One for every 3 cm of the largest wheel.
-    "grouser_count": number("a whole number from 0 to 1000", 0, 1000, whole=True),
-    "grouser_height": number("a length in m from 0 to 1", 0.0, 1.0),
-}
-_CHANNELS = table({name: _entry(name) for name in CHANNELS})
-_MOTOR = table(
+_ENTRY = rules(
+    _KEYS["channel"],
     {
-        # A pager's motor has 1e-4, a wheel's hub without a gear some tens.
-        "torque_constant": number("a positive number of N m/A, from 1e-6 to 1e4", 1e-6, 1e4),
-        # A screw jack has some thousands.
-        "gear_ratio": number("a positive number, from 1e-4 to 1e6", 1e-4, 1e6),
-        # A worm gear in the cold has a tenth.
-        "efficiency": number("a positive number up to 1, at least 0.001", 1e-3, 1.0),
-        # Outside this range it is in %/K by mistake: no magnet loses 2 % per kelvin.
-        "temperature_coefficient": number("in 1/K, from -0.02 to 0.02", -0.02, 0.02),
-        # Copper melts at 1085 °C.
-        "reference_temperature": number("a temperature in °C, from -273.15 to 1000", -273.15, 1000.0),
-        # That of the largest drives under full load.
-        "no_load_current": number("a current in A, from 0 to 1e4", 0.0, 1e4),
-    }
-)
-_VEHICLE = table(
-    {
-        # The heaviest vehicle has 14,200 t.
-        "mass": number("a positive number of kg, from 0.001 to 1e8", 1e-3, 1e8),
-        # From an asteroid of 100 m to four times Jupiter.
-        "gravity": number("a positive number of m/s², from 1e-6 to 100", 1e-6, 100.0),
-        "centre_of_mass": vector(3, "[x, y, z]", _REACH),
-        "suspension": choice("rigid", "rocker", "rocker-bogie"),
-        "rocker_pivot": vector(2, "[x, z]", _REACH),
-        "bogie_pivot": vector(2, "[x, z]", _REACH),
-    }
-)
-_AMOUNT = number("a number from 0 to 1e20", 0.0, 1e20)
-_SHARE = number("a share from 0 to 1", 0.0, 1.0)
-_NOISE = table({"relative": _SHARE, "absolute": _AMOUNT, "offset": _AMOUNT, "gain": _SHARE, "unit": text})
-_ENTRY = table(
-    {
-        "topic": text,
-        "field": text,
-        "name": text,
-        # No list of a message is longer.
-        "index": number("a whole number from 0 to 4294967295", 0, 2**32 - 1, whole=True),
-        "column": text,
+        "any": _ANY,
         "constant": lambda value, place: (text if isinstance(value, str) else _ANY)(value, place),
-        "unit": text,
         "scale": _scale,
-        "offset": _ANY,
-    }
+    },
 )
+_CHANNELS = table({name: _entry(name) for name in CHANNELS})
+_MOTOR, _VEHICLE, _NOISE = (rules(_KEYS[name]) for name in ("motor", "vehicle", "noise"))
 _K = number("a positive length in m, from 0.0001 to 1", *SOIL_BOUNDS["shear_modulus"])
-_K_WITHIN = table({"value": _K, "factor": number("a factor above 1, such as 1.5", 1.001, 100.0)})
+_K_WITHIN = rules(_KEYS["shear_modulus"], {"shear modulus": _K})
+_OF_WHEEL = rules({**_KEYS["wheel"], **_KEYS["wheels"]}, {"channels": _CHANNELS, "motor": _MOTOR})
 _FILE = table(
     {
-        "wheel": table(_WHEEL),
-        "wheels": tables(
-            table(
-                {**_WHEEL, "position": vector(3, "[x, y, z]", _REACH), "channels": _CHANNELS, "motor": _MOTOR}
-            )
-        ),
+        "wheel": rules(_KEYS["wheel"]),
+        "wheels": tables(_OF_WHEEL),
         "soil": table({"shear_modulus": _modulus}),
         "channels": _CHANNELS,
         "motor": _MOTOR,
         "vehicle": _vehicle,
-        "noise": table({name: _noise(name) for name in NOISY}),
-        # From the resolution of a clock to thirty years.
-        "sampling": table(
-            {"max_gap": number("a positive number of seconds, from 1e-6 to 1e9", 1e-6, 1e9), "steady": flag}
-        ),
-        "estimate": table(
-            {
-                "method": choice(*METHODS),
-                "segments": choice(*SEGMENTS),
-                # As on the command line.
-                "min-samples": number("a whole number, at least 3 and at most 1e12", 3, 10**12, whole=True),
-                # From a grain of sand to once around the Earth.
-                "window-distance": number("a positive length in m, from 1e-6 to 4e7", 1e-6, 4e7),
-                "where": text,
-                "crs": text,
-                "model": text,
-                "robust": flag,
-                "at-stress": number("a stress in kPa, from 0 to 1e6", 0.0, 1e6),
-                "places": text,
-            }
-        ),
+        "noise": table({name: _noise(name) for name in vehicle.NOISY}),
+        "sampling": rules(_KEYS["sampling"]),
+        "estimate": rules(_KEYS["estimate"], {"method": choice(*METHODS), "segments": choice(*SEGMENTS)}),
     }
 )

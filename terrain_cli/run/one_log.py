@@ -1,7 +1,5 @@
 """One input from file to table: read, cut into windows, estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -12,6 +12,7 @@ from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.wheel_model import WheelGeometry
 from terrain_cli.simulation import perfect_sensors
 from terrain_cli.simulation.scenario import (
+    KEYS,
     START,
     Chosen,
     DrivePart,
@@ -36,24 +37,6 @@ PRESETS: dict[str, dict[str, Any]] = _PREPARED["drives"]
 WHEELS = {"multi": 4}  # Wheels of a drive that is about several
 DURATION = 60.0  # s, of a part whose duration is not given
 
-#: s; the fine time base of a longer drive would fill the memory.
-_LONGEST = 36_000.0
-_SECONDS = toml_files.number("a duration in s, from 1 s to 10 h", 1.0, _LONGEST)
-_RATE = toml_files.number("a rate in Hz, from 0.01 to 1000", 0.01, 1000.0)
-_SIZE = toml_files.number("a positive length in m, at most 5", toml_files.ABOVE_ZERO, 5.0)
-_WHOLE = toml_files.number("a whole number, at least 0", 0, whole=True)
-_PROFILES = {
-    "slip": profile_rule("a slip, from -0.9 to 0.95", -0.9, 0.95),
-    "load": profile_rule("a share of the mean load, from 0.01 to 10", 0.01, 10.0),
-    "speed": profile_rule("a share of the mean speed, from -10 to 10", -10.0, 10.0),
-    "pitch_deg": profile_rule("an angle in degrees, from -60 to 60", -60.0, 60.0),
-    "roll_deg": profile_rule("an angle in degrees, from -60 to 60", -60.0, 60.0),
-    "slip_angle_deg": profile_rule("an angle in degrees, from -60 to 60", -60.0, 60.0),
-    "yaw_rate": profile_rule("a rate in rad/s, from -1 to 1", -1.0, 1.0),
-    "motor_temperature": profile_rule("a temperature in °C, from -150 to 250", -150.0, 250.0),
-}
-_PART = toml_files.table({"drive": toml_files.choice(*PRESETS), "duration": _SECONDS, **_PROFILES})
-
 
 def _texts(value: Any, place: str) -> list[str]:
     several = [value] if isinstance(value, str) else value
@@ -63,35 +46,24 @@ def _texts(value: Any, place: str) -> list[str]:
     return texts
 
 
-_DRIVE = toml_files.several(toml_files.choice(*PRESETS))
-_FILE = toml_files.table(
+_DRIVE = toml_files.choice(*PRESETS)
+_PROFILES = {name: profile_rule(**entry) for name, entry in KEYS["profiles"].items()}
+_PART = toml_files.rules(
+    {"drive": "drive", "duration": KEYS["file"]["duration"], **{name: name for name in _PROFILES}},
+    {"drive": _DRIVE, **_PROFILES},
+)
+_FILE = toml_files.rules(
+    KEYS["file"],
     {
-        "drive": lambda value, place: _DRIVE(_texts(value, place), place),
-        "part": toml_files.several(_PART),
-        "duration": _SECONDS,
-        "soil": _texts,
+        "drive": lambda value, place: toml_files.several(_DRIVE)(_texts(value, place), place),
+        "parts": toml_files.several(_PART),
+        "names": _texts,
         "soils": soils_rule,
-        "wheel": toml_files.table(
-            {
-                "radius": _SIZE,
-                "width": _SIZE,
-                "grouser_count": _WHOLE,
-                "grouser_height": toml_files.number("a length in m from 0 to 1", 0.0, 1.0),
-            }
-        ),
-        "wheels": toml_files.number("a number of wheels, from 1 to 20", 1, 20, whole=True),
-        "load": toml_files.number("a load in N, from 0.01 to 1e7", 0.01, 1e7),
-        "speed": toml_files.number("a speed in m/s, from 0.001 to 10", 0.001, 10.0),
-        "gravity": toml_files.number("a positive number of m/s²", toml_files.ABOVE_ZERO),
-        "rate": _RATE,
-        "rates": toml_files.table(dict.fromkeys(CHANNELS_WRITTEN, _RATE)),
-        "model": toml_files.text,
+        "wheel": toml_files.rules(KEYS["wheel"]),
+        "rates": toml_files.rules(dict.fromkeys(CHANNELS_WRITTEN, KEYS["file"]["rate"])),
         "effects": effects_rule,
         "noise": sensors_rule,
-        "seed": _WHOLE,
-        "start": toml_files.number("a time in s since 1970, from 1 to 4e9", 1.0, 4e9),
-        "drawbar_pull": toml_files.flag,
-    }
+    },
 )
 _EITHER = {"drive": "part", "part": "drive"}  # Of the two, the last one said counts
 #: The wheel of the paper, with lugs for what needs them.
@@ -184,6 +156,6 @@ def _parts(content: Mapping[str, Any]) -> tuple[DrivePart, ...]:
     if "part" in content and "duration" in content:
         total = sum(part.duration for part in parts)
         parts = [replace(part, duration=part.duration * content["duration"] / total) for part in parts]
-    if sum(part.duration for part in parts) > _LONGEST:
+    if sum(part.duration for part in parts) > KEYS["file"]["duration"]["high"]:
         raise ConfigurationError("the parts of the drive last longer than 10 h together")
     return tuple(parts)

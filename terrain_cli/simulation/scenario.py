@@ -1,9 +1,11 @@
 """What is simulated: the wheel, the soils along the drive, their effects, and the sensors."""
 
 import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,24 +20,8 @@ from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.choices import Base
 from terrain_cli.vocabulary.toml_files import Rule
 
-WONG = "Wong, Theory of Ground Vehicles, table of terrain values"
-_LUNAR = "Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., 2010"
-#: Where the values of parameters lie that are not just one typical size above their null.
-PLAUSIBLE = {
-    # Wong and Reece 1967: 0.18 in loose sand, 0.43 in compact sand; Ding et al. 2011: c2 0.09 to 0.32.
-    "max-stress-angle.c1": (0.18, 0.43),
-    "max-stress-angle.c2": (0.1, 0.32),
-    # Harmonic and planetary gears at part load.
-    "gear-efficiency.eta": (0.6, 0.9),
-    # Load cells of a rover in the field read 0.95 to 0.99 of the load.
-    "load-bias.gain": (0.9, 0.98),
-    "sensor-lag.torque_lag": (0.05, 0.4),
-    "sensor-lag.drawbar_pull_lag": (0.05, 0.4),
-    "sensor-lag.sinkage_lag": (0.05, 0.4),
-    # What not every rover or soil has besides.
-    "slip-sinkage.n2": (0.0, 0.0),
-    "load-transfer.slope_ratio": (0.0, 0.0),
-}
+_PUBLISHED = tomllib.loads(Path(__file__).with_name("soils.toml").read_text("utf-8"))
+PLAUSIBLE: dict[str, list[float]] = _PUBLISHED["plausible"]
 #: 2026-01-01 00:00:00 UTC, in s since 1970: every drive starts then, so that files do not depend on the day.
 START = 1_767_225_600.0
 #: Between rows of wheels, and between left and right, in m.
@@ -68,11 +54,8 @@ class Soil:
         }
 
 
-def _published(
-    name: str, n: float, kc: float, kphi: float, c: float, phi: float, reference: str = WONG
-) -> Soil:
-    # Wong gives k of 10 to 25 mm for sands, less for clays; a rover file has room for one: 18 mm.
-    return Soil(
+SOILS: dict[str, Soil] = {
+    name: Soil(
         name=name,
         cohesion=c * 1e3,
         tan_phi=math.tan(math.radians(phi)),
@@ -82,38 +65,12 @@ def _published(
         frictional_modulus=kphi * 1e3,
         reference=reference,
     )
-
-
-#: By name. Arguments: n, kc in kN/m^(n+1), kφ in kN/m^(n+2), c in kPa, φ in degrees.
-SOILS: dict[str, Soil] = {
-    soil.name: soil
-    for soil in (
-        _published("dry-sand", 1.1, 0.99, 1528.43, 1.04, 28.0),
-        _published("lete-sand", 0.79, 102.0, 5301.0, 1.3, 31.1),
-        _published("sandy-loam", 0.7, 5.27, 1515.04, 1.72, 29.0),
-        _published("upland-sandy-loam", 1.1, 74.6, 2080.0, 3.3, 33.7),
-        _published("rubicon-sandy-loam", 0.66, 6.9, 752.0, 3.7, 29.8),
-        _published("clayey-loam", 0.73, 41.6, 2471.0, 6.1, 26.6),
-        _published("clayey-soil", 0.5, 13.19, 692.15, 4.14, 13.0),
-        _published("wet-clayey-soil", 0.7, 16.03, 1262.53, 2.07, 10.0),
-        _published("snow", 1.6, 4.37, 196.72, 1.03, 19.7),
-        _published("lunar-soil", 1.0, 1.4, 820.0, 0.17, 35.0, _LUNAR),
-    )
+    for reference, soils in _PUBLISHED["soils"].items()
+    for name, (n, kc, kphi, c, phi) in soils.items()
 }
 
-_POSITIVE = "a positive number"
-_SOIL = toml_files.table(
-    {
-        "cohesion": toml_files.number("a cohesion in Pa, at least 0", 0.0),
-        "tan_phi": toml_files.number("a tangent of φ, from 0 to 2", 0.0, 2.0),
-        "phi_deg": toml_files.number("an angle in degrees, from 0 to 60", 0.0, 60.0),
-        "shear_modulus": toml_files.number("a positive length in m, at most 1", toml_files.ABOVE_ZERO, 1.0),
-        "sinkage_exponent": toml_files.number("a number from 0.1 to 3", 0.1, 3.0),
-        "stiffness": toml_files.number(_POSITIVE, toml_files.ABOVE_ZERO),
-        "cohesive_modulus": toml_files.number("a number, at least 0", 0.0),
-        "frictional_modulus": toml_files.number(_POSITIVE, toml_files.ABOVE_ZERO),
-    }
-)
+KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("drive_keys.toml").read_text("utf-8"))
+_SOIL = toml_files.rules(KEYS["soil"])
 
 
 def soils_rule(value: Any, place: str) -> dict[str, Soil]:

@@ -11,18 +11,9 @@ from numpy.typing import NDArray
 
 from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
-from terrain_cli.simulation import course, drive_file, perfect_sensors
+from terrain_cli.simulation import course, drive_file, perfect_sensors, sensors
 from terrain_cli.simulation.course import Ride
 from terrain_cli.simulation.scenario import Chosen, Place, Scenario, drawn
-from terrain_cli.simulation.sensors import (
-    CHANNELS_WRITTEN,
-    OF_BODY,
-    SLIP,
-    Sensor,
-    clock,
-    generator,
-    ten_digits,
-)
 from terrain_cli.vocabulary.arrays import Array
 
 #: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
@@ -69,7 +60,7 @@ class SimulatedLog:
 
 def channels(scenario: Scenario) -> tuple[str, ...]:
     """Return the channels that a drive has: always the same, so that none tells of an effect."""
-    return tuple(name for name in CHANNELS_WRITTEN if scenario.drawbar_pull or name != "drawbar_pull")
+    return tuple(name for name in sensors.CHANNELS_WRITTEN if scenario.drawbar_pull or name != "drawbar_pull")
 
 
 def rates(scenario: Scenario, *, bag: bool) -> dict[str, float]:
@@ -87,7 +78,7 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
     """Drive and measure, as a bag or a table does; one scenario always gives the same numbers."""
     perfect_sensors.check_needs(scenario, channels(scenario))
     way = course.plan(scenario)
-    clocks = {name: clock(rate, scenario.duration) for name, rate in rates(scenario, bag=bag).items()}
+    clocks = {name: sensors.clock(rate, scenario.duration) for name, rate in rates(scenario, bag=bag).items()}
     log = SimulatedLog(scenario, {}, {}, {}, {})
     for place in scenario.wheels:
         ride = course.ride(scenario, way, place)
@@ -100,7 +91,7 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
     # At the origin of the body there is no wheel and no soil.
     nothing = np.zeros(len(way.time))
     origin = Ride(Place(""), way.time, way.body, nothing.astype(int), nothing)
-    for name in sorted(OF_BODY & clocks.keys()):
+    for name in sorted(sensors.OF_BODY & clocks.keys()):
         log.body[name] = _measure(scenario, "", name, clocks[name], origin.at(clocks[name]))
     return log
 
@@ -110,17 +101,17 @@ def _measure(
 ) -> SimulatedSeries:
     true = truth[channel]
     rows = np.searchsorted(truth["time"], time) if "time" in truth else np.arange(len(time))
-    key = f"{'body' if channel in OF_BODY else wheel} {channel}"
+    key = f"{'body' if channel in sensors.OF_BODY else wheel} {channel}"
     shown = true[rows]
-    sensor = scenario.sensors.get(channel, Sensor())
+    sensor = scenario.sensors.get(channel, sensors.Sensor())
     error = sensor.error(time, shown, scenario.duration, scenario.seed, key)
-    if channel == "angular_velocity" and SLIP in scenario.sensors:
+    if channel == "angular_velocity" and sensors.SLIP in scenario.sensors:
         # The wheel speeds from which a wrong slip follows.
         slip, velocity = truth["slip"][rows], truth["velocity"][rows]
         known = ~np.isnan(slip)
         slip = np.where(known, slip, 0.0)
-        key = f"{wheel} {SLIP}"
-        wrong = scenario.sensors[SLIP].error(time, slip, scenario.duration, scenario.seed, key)
+        key = f"{wheel} {sensors.SLIP}"
+        wrong = scenario.sensors[sensors.SLIP].error(time, slip, scenario.duration, scenario.seed, key)
         wrong = np.clip(slip + wrong, -0.95, 0.99)
         speed = perfect_sensors.wheel_speed(np.abs(velocity), wrong, scenario.geometry.radius)
         shown = np.where(known, np.copysign(speed, shown), shown)
@@ -146,7 +137,7 @@ _SAMPLES = 400
 
 def draw(scenario: Scenario) -> Scenario:
     """Add an effect and its size, drawn by the seed."""
-    rng = generator(scenario.seed, "hidden effect")
+    rng = sensors.generator(scenario.seed, "hidden effect")
     taken = {chosen.effect.id for chosen in scenario.effects}
     catalogue = effects.catalogue()
     names = sorted(catalogue.keys() - taken)
@@ -175,7 +166,7 @@ def _shows(scenario: Scenario, ride: course.Ride, time: Array, without: dict[str
         change, size = shown[name] - without[name], _rms(without[name])
         if not np.all(np.isfinite(shown[name])):
             return False
-        noise = _rms(scenario.sensors.get(name, Sensor()).white.at(without[name]))
+        noise = _rms(scenario.sensors.get(name, sensors.Sensor()).white.at(without[name]))
         if _rms(change) > max(_SHARE * size, _NOISES * noise):
             return True
     return False
@@ -244,7 +235,7 @@ def truth_table(log: SimulatedLog) -> dict[str, Array | list[str]]:
     for wheel, truth in log.truth.items():
         own = truth["soil"].astype(int)
         columns: dict[str, NDArray[Any]] = {"soil": called[own]}
-        columns |= {name: ten_digits(truth[name]) for name in names}
+        columns |= {name: sensors.ten_digits(truth[name]) for name in names}
         for parameter, column in SOIL_COLUMNS.items():
             columns[column] = np.array([row[parameter] for row in values])[own]
         for parameter, number in log.scenario.effect_values().items():

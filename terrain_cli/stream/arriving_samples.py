@@ -219,7 +219,11 @@ class MessageSamples(ArrivingSamples):
                 return
             self._clocks = bags.topic_clocks(self._held)
         times = self._clocks.times(self._held)
-        until = np.inf if last else self._until(list(times.values()))
+        until = np.inf
+        if not last:
+            # Of the topics that are silent nothing is waited for.
+            newest = max(float(time.max()) for time in times.values() if len(time))
+            until = min(self._passed(time, newest - _LATE) for time in times.values())
         if until < self._done + _STEP:
             return
         intervals = [0.0]
@@ -237,11 +241,6 @@ class MessageSamples(ArrivingSamples):
             return True
         every = np.concatenate(logs)
         return bool(len(every) and (every.max() - every.min()) / np.timedelta64(1, "s") >= _WITHIN)
-
-    def _until(self, times: list[Array]) -> float:
-        """Return the time that all topics have passed, those that are silent left out."""
-        newest = max(float(time.max()) for time in times if len(time))
-        return min(self._passed(time, newest - _LATE) for time in times)
 
     def _passed(self, time: Array, silent: float) -> float:
         """Return the time up to which nothing of a topic will come, or nothing that is interpolated."""

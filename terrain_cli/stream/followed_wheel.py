@@ -1,7 +1,5 @@
 """One wheel that is followed: from its samples to the rows of its segments, closed and open."""
 
-from __future__ import annotations
-
 import sys
 from collections import deque
 from collections.abc import Iterator

@@ -7,8 +7,6 @@ Biometrika 41) tell when they go on being too large or too small, and how large 
 follows from the rate of false alarms (Siegmund 1985, Sequential Analysis).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Telemetry: from files to the samples of each wheel, on the clock of its torque, in SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Clocks: from time columns to seconds, and from topics at unequal rates to one clock."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

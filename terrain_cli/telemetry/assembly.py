@@ -1,7 +1,5 @@
 """From the channels of a wheel to its samples: what is missing, what is derived, what is judged."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import cast

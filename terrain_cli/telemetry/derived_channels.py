@@ -6,8 +6,6 @@ from wheel speed and travel. Axes are those of the body: x forward, y left, z up
 positive nose up and roll is positive left side up; the body is taken as parallel to the ground.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

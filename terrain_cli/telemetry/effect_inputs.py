@@ -1,7 +1,5 @@
 """Further inputs that the effects of a model need beside load, torque, sinkage and slip."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Logs too long to be held at once: an excerpt of pieces, and the samples of a long table part by part."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

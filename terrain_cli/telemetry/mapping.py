@@ -1,7 +1,5 @@
 """Which field of a file feeds which channel of which wheel."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@ twice. In a table with a row for every time of anything an empty cell between tw
 lost value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise

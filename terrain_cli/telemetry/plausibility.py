@@ -4,8 +4,6 @@ Bounds marked "ranges" are what the equations of Wong and Reece give for wheels 
 depths up to 0.7 r, over the soils of Tables I and II of Iagnemma et al. 2004.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

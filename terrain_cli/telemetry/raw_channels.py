@@ -1,7 +1,5 @@
 """The channels of every wheel as they were recorded, from the columns of a table or the topics of a bag."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Raw columns of a source, whole: batches joined, labels merged, times made seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 

@@ -1,7 +1,5 @@
 """What can be derived, what is missing, and the lines of rover.toml that would supply it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple, cast

@@ -1,7 +1,5 @@
 """Which column of a table is its time, and whether a table without one can hold steady test points."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import closing

@@ -4,12 +4,12 @@ Units and axes (x forward, y left, z up) of standard messages are those of REP 1
 is not guessed: `effort` may be a torque or a current, a TwistStamped may hold what was commanded.
 """
 
-from __future__ import annotations
-
 import re
+import tomllib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -23,22 +23,8 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 _STANDARD = re.compile(
     r"(std|sensor|geometry|nav|diagnostic|tf2|rosgraph|rcl_interfaces|visualization)_msgs/msg/"
 )
-#: Fields of standard messages whose unit the message's definition fixes.
-_UNITS = (
-    (r"JointState", r"velocity", "rad/s"),
-    (r"JointState", r"position", "rad"),
-    (r"(Wrench|WrenchStamped)", r"(wrench\.)?force\.[xyz]", "N"),
-    (r"(Wrench|WrenchStamped)", r"(wrench\.)?torque\.[xyz]", "N m"),
-    (r"(Odometry|Pose.*|Point.*)", r"(.*\.)?(position|point)\.[xyz]", "m"),
-    (r"Point", r"[xyz]", "m"),
-    (r"(Odometry|Twist.*)", r"(.*\.)?linear\.[xyz]", "m/s"),
-    (r"(Odometry|Twist.*)", r"(.*\.)?angular\.[xyz]", "rad/s"),
-    (r"(Imu|Accel.*)", r"(.*\.)?(linear_acceleration|linear)\.[xyz]", "m/s²"),
-    (r"Imu", r"angular_velocity\.[xyz]", "rad/s"),
-    (r"NavSatFix", r"(longitude|latitude)", "deg"),
-    (r"NavSatFix", r"altitude", "m"),
-    (r"Temperature", r"temperature", "°C"),
-)
+_MESSAGES = tomllib.loads(Path(__file__).with_name("standard_messages.toml").read_text("utf-8"))
+_UNITS: list[tuple[str, str, str]] = _MESSAGES["units"]["of"]
 NAMED = -1  # Rank of what is called as a channel is: above what a standard message is taken to mean
 _VALUE = ({"data"}, {"value"})  # Members of single-valued messages that only say that there is a value
 #: Channels that every wheel has of its own, so that several of one kind tell the wheels.
@@ -58,41 +44,17 @@ def roll(x: Array, y: Array, z: Array, w: Array) -> Array:
     return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x**2 + y**2))
 
 
-def _attitude(prefix: str, rank: int) -> Iterator[Feed]:
-    quaternion = tuple(f"{prefix}orientation.{axis}" for axis in "xyzw")
-    for channel, combine, up in (("pitch", pitch, "nose up"), ("roll", roll, "left side up")):
-        note = f"{up}, from the orientation"
-        yield Feed(channel=channel, fields=quaternion, combine=combine, note=note, rank=rank)
-
-
-def _forces(prefix: str) -> Iterator[Feed]:
-    for channel, axis in (("load", "z"), ("drawbar_pull", "x")):
-        note = "the sensor's axes taken as x forward, z up"
-        yield Feed(channel=channel, fields=(f"{prefix}force.{axis}",), note=note)
-
-
 #: The channels that standard messages carry; their topics are those of a bag.
 MEANINGS: dict[str, tuple[Feed, ...]] = {
-    "nav_msgs/msg/Odometry": (
+    kind: tuple(
         Feed(
-            channel="velocity",
-            fields=("twist.twist.linear.x",),
-            note="odometry taken as the true speed, not the wheels' own",
-            of_body=True,
-        ),
-        Feed(channel="yaw_rate", fields=("twist.twist.angular.z",), rank=1),
-        Feed(channel="x", fields=("pose.pose.position.x",)),
-        Feed(channel="y", fields=("pose.pose.position.y",)),
-        Feed(channel="elevation", fields=("pose.pose.position.z",)),
-        *_attitude("pose.pose.", 1),
-    ),
-    "sensor_msgs/msg/Imu": (Feed(channel="yaw_rate", fields=("angular_velocity.z",)), *_attitude("", 0)),
-    "sensor_msgs/msg/NavSatFix": (
-        Feed(channel="longitude", fields=("longitude",)),
-        Feed(channel="latitude", fields=("latitude",)),
-    ),
-    "geometry_msgs/msg/WrenchStamped": tuple(_forces("wrench.")),
-    "geometry_msgs/msg/Wrench": tuple(_forces("")),
+            channel=channel,
+            combine={"pitch": pitch, "roll": roll}.get(channel),
+            **{**entry, "fields": tuple(entry["fields"])},
+        )
+        for channel, entry in meanings.items()
+    )
+    for kind, meanings in _MESSAGES["meanings"].items()
 }
 
 

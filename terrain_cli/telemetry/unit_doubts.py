@@ -1,7 +1,5 @@
 """Doubts about the units of channels, from their sizes and from how they change together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Literal, NamedTuple, Self
@@ -190,8 +188,9 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
         else:
             mending = f"{_if(feed, suspicion)}, {', '.join(lines)} under {header} of rover.toml"
             # Who states the unit in rover.toml has looked.
-            of = "" if feed.stated and feed.asked else _doubted(suspicion.mend)
-            told.append(Doubt(f"{what}: {mending}", of))
+            sign = "sign" if suspicion.mend.scale < 0.0 else "unit"
+            of = f"the {sign} of {suspicion.mend.channel.replace('_', ' ')}"
+            told.append(Doubt(f"{what}: {mending}", "" if feed.stated and feed.asked else of))
     return told
 
 
@@ -211,10 +210,6 @@ def _if(feed: Feed, suspicion: Suspicion) -> str:
     if scale < 0.0:
         return "if the sensor's sign is the other way round"
     return f"if {suspicion.channel} is in {rover_advice.meant(feed, unit, scale)}"
-
-
-def _doubted(mend: Mend) -> str:
-    return f"the {'sign' if mend.scale < 0.0 else 'unit'} of {mend.channel.replace('_', ' ')}"
 
 
 def pull(e: UnitEvidence) -> Suspicion | None:

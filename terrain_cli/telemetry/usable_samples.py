@@ -1,7 +1,5 @@
 """Which samples count: the condition that a user gives, and what sets one aside."""
 
-from __future__ import annotations
-
 import ast
 import operator
 import re

@@ -194,8 +194,6 @@ class Geometry(NamedTuple):
     @property
     def wheel(self) -> WheelGeometry:
         """The constants of the wheel for the whole model."""
-        from terrain_cli.mechanics.wheel_model import WheelGeometry
-
         return WheelGeometry(self.radius, self.width, self.grouser_height, self.grouser_count, self.gravity)
 
 

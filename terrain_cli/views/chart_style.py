@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from terrain_cli import version
@@ -25,32 +26,7 @@ SCALE: Final = "cividis"
 COUNTS: Final = "Greys"
 INK, FAINT, MEDIAN = "#222222", "#8a8a8a", "#D55E00"
 
-#: For matplotlib. Nothing from a log is taken for mathematics, and text stays text in an SVG.
-SETTINGS: dict[str, Any] = {
-    "text.parse_math": False,
-    "svg.fonttype": "none",
-    # The same data give the same file.
-    "svg.hashsalt": "terrain-est",
-    "font.size": 9.0,
-    "font.family": "DejaVu Sans",
-    "axes.titlesize": 9.0,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.formatter.useoffset": False,
-    "axes.unicode_minus": True,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "figure.constrained_layout.use": True,
-    "figure.dpi": 100.0,
-    "savefig.dpi": 160.0,
-    "lines.linewidth": 1.2,
-}
+STYLE = Path(__file__).with_name("paper.mplstyle")  # For matplotlib
 #: Extra of the package → what it brings.
 LIBRARIES = {"plot": ("matplotlib",), "report": ("jinja2", "platformdirs", "vl_convert")}
 

@@ -1,7 +1,5 @@
 """Pictures as files: what `--plot DIR` writes."""
 
-from __future__ import annotations
-
 import re
 import time
 import warnings
@@ -30,7 +28,7 @@ from terrain_cli.windows.cut_windows import Windows
 # Before matplotlib is imported: it says which extra brings it.
 chart_style.need("plot")
 
-import matplotlib as mpl  # noqa: E402
+from matplotlib import style  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
 from terrain_cli.views.figures import drive_figures, model_figures, soil_figures  # noqa: E402
@@ -107,7 +105,7 @@ class LivePictures:
 @contextmanager
 def _style() -> Iterator[None]:
     chart_style.need("plot")
-    with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
+    with style.context(chart_style.STYLE), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         yield

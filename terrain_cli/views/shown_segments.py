@@ -1,7 +1,5 @@
 """Segments as they are shown: names, groups, tracks, ellipses, strength lines; moments under the rim."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

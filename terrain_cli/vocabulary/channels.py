@@ -1,11 +1,11 @@
 """The vocabulary of a wheel's telemetry: channels, their units, and the headers that mean them."""
 
-from __future__ import annotations
-
 import re
+import tomllib
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from terrain_cli.errors import InputError
@@ -15,18 +15,15 @@ from terrain_cli.vocabulary.units import Unit
 LABEL = "label"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One quantity of a sample."""
+    """One quantity of a sample; channels.toml says what each field is."""
 
     name: str
-    symbol: str
-    #: One of `units.DIMENSIONS`, or "label" (text).
     dimension: str
-    _: KW_ONLY
-    #: Words, in lower case with underscores, apart by blanks: other names that can mean nothing else.
+    symbol: str = ""
     aliases: str = ""
-    letters: str = ""  # Further symbols: like `symbol` they are this channel only as they are written
+    letters: str = ""
 
     @property
     def unit(self) -> Unit | None:
@@ -34,66 +31,19 @@ class Channel:
         return None if self.dimension == LABEL else units.si(self.dimension)
 
 
-# Left out because they also mean something else: effort, current, speed, wheel_speed and
-# wheel_velocity (of the rim or of the centre), motor_torque (before the gear), tractive_force
-# and tractive_effort (thrust or pull), altitude (above an ellipsoid), trial, temperature, tau.
-_CHANNELS = (
-    Channel(
-        "time", "t", "time", aliases="timestamp time_stamp stamp datetime time_utc utc_time time_iso_8601"
-    ),
-    Channel("wheel", "", LABEL, aliases="wheel_name wheel_id"),
-    Channel(
-        "load",
-        "W",
-        "force",
-        aliases="normal_load vertical_load wheel_load normal_force vertical_force fz fz_load",
-    ),
-    Channel("torque", "T", "torque", aliases="wheel_torque drive_torque driving_torque wheel_drive_torque"),
-    Channel("sinkage", "z", "length", aliases="wheel_sinkage"),
-    # From the vertical, where the rim meets the ground.
-    Channel("entry_angle", "θ1", "angle", aliases="theta1 theta_1 θ1 θ_1"),
-    Channel(
-        "angular_velocity",
-        "ω",
-        "angular speed",
-        aliases="omega angular_speed wheel_angular_velocity wheel_angular_speed",
-    ),
-    # Forward, of the wheel centre.
-    Channel(
-        "velocity",
-        "V",
-        "speed",
-        aliases="forward_velocity forward_speed travel_velocity travel_speed longitudinal_velocity",
-        letters="v",
-    ),
-    Channel("slip", "i", "ratio", aliases="slip_ratio wheel_slip longitudinal_slip"),
-    Channel("drawbar_pull", "DP", "force", aliases="drawbar drawbar_force"),
-    Channel("pitch", "", "angle", aliases="pitch_angle"),  # Positive nose up
-    Channel("roll", "", "angle", aliases="roll_angle"),  # Positive left side up
-    Channel("yaw_rate", "", "angular speed"),  # Positive to the left
-    Channel("motor_current", "", "current", aliases="drive_motor_current"),
-    Channel("motor_temperature", "", "temperature", aliases="motor_temp drive_motor_temperature"),
-    # Along the track.
-    Channel("acceleration", "", "acceleration", aliases="forward_acceleration longitudinal_acceleration"),
-    Channel("pass_number", "", "ratio", aliases="pass_no"),  # How many wheels drove here before
-    Channel("slip_angle", "β", "angle", aliases="beta sideslip_angle side_slip_angle"),
-    Channel("x", "", "length", aliases="easting", letters="x"),
-    Channel("y", "", "length", aliases="northing", letters="y"),
-    Channel("elevation", "", "length"),  # Like x and y in the site frame
-    Channel("longitude", "", "coordinate", aliases="lon lng"),
-    Channel("latitude", "", "coordinate", aliases="lat"),
-    Channel("terrain", "", LABEL, aliases="terrain_label terrain_type terrain_class"),
-    Channel("run", "", LABEL, aliases="run_id run_name"),  # One continuous drive
-)
-CHANNELS: dict[str, Channel] = {channel.name: channel for channel in _CHANNELS}
+_VOCABULARY = tomllib.loads(Path(__file__).with_name("channels.toml").read_text("utf-8"))
+CHANNELS = {name: Channel(name=name, **entry) for name, entry in _VOCABULARY["channels"].items()}
 _LETTERS = {
-    letter: channel for channel in _CHANNELS for letter in (channel.symbol, *channel.letters) if letter
+    letter: channel
+    for channel in CHANNELS.values()
+    for letter in (channel.symbol, *channel.letters)
+    if letter
 }
 #: Alone it may be ω or a load, with its unit only one of them.
 _OPEN_LETTERS = {"w": ("angular_velocity", "load")}
 _WORDS = {
     word: channel
-    for channel in _CHANNELS
+    for channel in CHANNELS.values()
     for word in (channel.name, *channel.aliases.split())
     if len(word) > 1
 }
@@ -212,29 +162,7 @@ def resolve(headers: Iterable[str], *, chosen: Collection[str] = ()) -> dict[str
     return channels
 
 
-# Headers that mean a time: exporters' and other languages'.
-# Left out because they also mean something else: temps (temperatures), tick and ticks, index, frame,
-# seq and date (a row of numbers or days, of no unit), duration and period (of each test).
-_TIME_WORDS = frozenset(
-    (  # noqa: SIM905 - as a list it would take three pages
-        "ts tstamp t_stamp times clock clock_time elapsed elapsed_time time_elapsed epoch epoch_time unix "
-        "unix_time unixtime unix_timestamp posix_time utc utctime utc_timestamp utc_datetime "
-        "timestamp_utc gmt date_time datetime_utc iso_time isotime time_iso t_rel t_abs rel_time "
-        "relative_time time_rel time_relative abs_time absolute_time time_abs time_since_start "
-        "seconds_since_start uptime up_time runtime run_time time_boot boot_time monotonic monotonic_time "
-        "sim_time simtime simulation_time ros_time rostime bag_time bagtime rosbag_timestamp log_time "
-        "logtime rec_time record_time recv_time receive_time received_at pub_time publish_time msg_time "
-        "message_time header_stamp wall_time walltime wall_clock system_time sys_time device_time "
-        "sensor_time sample_time measurement_time mission_time mission_elapsed_time met sclk scet "
-        "spacecraft_clock gps_time gpstime gps_seconds gps_tow time_of_week tow time_of_day zeit "
-        "zeitstempel zeitpunkt uhrzeit messzeit laufzeit datum_zeit heure horodatage horodate instant "
-        "tiempo hora marca_de_tiempo marca_temporal fecha_hora tempo orario data_ora data_hora "
-        "carimbo_de_tempo tijd tijdstempel tijdstip tid tidpunkt tidsstempel tidsstämpel aika aikaleima "
-        "czas znacznik_czasu čas cas idő ido zaman timp vrijeme vreme waktu thời_gian время час "
-        "метка_времени χρόνος "
-        "時間 時刻 时间 时刻 时间戳 時間戳 タイムスタンプ 시간 시각 타임스탬프 समय الوقت زمن זמן"
-    ).split()
-)
+_TIME_WORDS = frozenset(_VOCABULARY["time"]["words"].split())  # Headers that mean a time
 #: Where a topic's name stands before it: /wheel/header/stamp, msg.timestamp.
 _TIME_LEAVES = frozenset({"time", *CHANNELS["time"].aliases.split()})
 #: What `rostopic echo -p` and rosbag_to_csv write is in ns, whatever the header is called.

@@ -1,7 +1,5 @@
 """The choices of `terrain-est estimate` with their defaults, and how a criterion is declared."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, TypeVar, get_args
 

@@ -3,8 +3,6 @@
 A rule takes a value and its place in the file, and returns the value as the program wants it.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -14,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import date, time
 from numbers import Integral, Real
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from terrain_cli.errors import ConfigurationError, nearest
@@ -172,6 +171,25 @@ def tables(rule_of_each: Rule) -> Rule:
         return {key: rule_of_each(inner, where) for key, inner, where in each(value, place)}
 
     return rule
+
+
+def rules(keys: Mapping[str, Any], known: Mapping[str, Rule] = MappingProxyType({})) -> Rule:
+    """Return the rule for a table from what a file of keys says of each, the `known` rules by their names."""
+    by_name = {"text": text, "flag": flag, **known}
+
+    def of(entry: Any) -> Rule:
+        match entry:
+            case str():
+                return by_name[entry]
+            case {"what": _}:
+                return number(**entry)
+            case {"choice": [*choices]}:
+                return choice(*choices)
+            case {"axes": axes, "reach": reach}:
+                return vector(1 + axes.count(","), axes, reach)
+        return rules(entry, known)
+
+    return table({key: of(entry) for key, entry in keys.items()})
 
 
 def key(name: str) -> str:

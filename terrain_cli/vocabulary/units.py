@@ -6,10 +6,11 @@ latitude in degrees, as people keep them. The table is closed: what is not in it
 
 from __future__ import annotations
 
-import math
 import re
+import tomllib
 import unicodedata
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -17,10 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Values = TypeVar("Values", float, "NDArray[np.float64]")
-DEGREE = math.pi / 180.0
 STANDARD_GRAVITY = 9.80665
-_FOOT = 0.3048
-_POUND_FORCE = 4.4482216152605
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,81 +38,10 @@ class Unit:
         return values * self.factor + self.offset
 
 
-#: dimension → symbol → (factor, further spellings). The first unit is the program's own.
-_TABLE: dict[str, dict[str, tuple[float, str]]] = {
-    "length": {
-        "m": (1.0, "metre metres meter meters"),
-        "km": (1e3, ""),
-        "dm": (1e-1, ""),
-        "cm": (1e-2, ""),
-        "mm": (1e-3, "millimetre millimetres millimeter millimeters"),
-        "µm": (1e-6, "um micron microns"),
-        "in": (_FOOT / 12.0, "inch inches"),
-        "ft": (_FOOT, "foot feet"),
-    },
-    # "grad" is left out: a gon to some and a degree to others.
-    "angle": {"rad": (1.0, "radian radians"), "mrad": (1e-3, ""), "deg": (DEGREE, "° degree degrees")},
-    "coordinate": {"deg": (1.0, "° degree degrees"), "rad": (1.0 / DEGREE, "radian radians")},
-    "force": {
-        "N": (1.0, "newton newtons"),
-        "kN": (1e3, ""),
-        "mN": (1e-3, ""),
-        "lbf": (_POUND_FORCE, ""),
-        "kgf": (STANDARD_GRAVITY, ""),
-    },
-    "torque": {
-        "N m": (1.0, ""),
-        "kN m": (1e3, ""),
-        "mN m": (1e-3, ""),
-        "N cm": (1e-2, ""),
-        "N mm": (1e-3, ""),
-        "lbf ft": (_POUND_FORCE * _FOOT, "ft_lbf"),
-    },
-    # "1/s", "Hz", "r/s" and "rps" are left out: radians to some and revolutions to others.
-    "angular speed": {
-        "rad/s": (1.0, "radps rads"),
-        "deg/s": (DEGREE, "°/s dps degps"),
-        "rpm": (math.tau / 60.0, "rev/min r/min 1/min"),
-        "rev/s": (math.tau, ""),
-    },
-    "speed": {
-        "m/s": (1.0, "mps"),
-        "cm/s": (1e-2, ""),
-        "mm/s": (1e-3, "mmps"),
-        "km/h": (1.0 / 3.6, "kmh kph kmph"),
-    },
-    "acceleration": {"m/s²": (1.0, "m/s/s mps2"), "mm/s²": (1e-3, ""), "g": (STANDARD_GRAVITY, "g0")},
-    "current": {"A": (1.0, "amp amps ampere amperes"), "mA": (1e-3, "")},
-    "temperature": {"°C": (1.0, "degC deg_C C celsius"), "K": (1.0, "kelvin")},
-    "time": {
-        "s": (1.0, "sec secs second seconds"),
-        "ms": (1e-3, "msec msecs millis millisecond milliseconds"),
-        "µs": (1e-6, "us usec usecs micros microsecond microseconds"),
-        "ns": (1e-9, "nsec nsecs nanosec nanosecs nanos nanosecond nanoseconds"),
-        "min": (60.0, "minute minutes"),
-        "h": (3600.0, "hr hour hours"),
-    },
-    "pressure": {"Pa": (1.0, "pascal"), "kPa": (1e3, "")},
-    "mass": {"kg": (1.0, ""), "g": (1e-3, "gram grams")},
-    "ratio": {"1": (1.0, "- ratio fraction"), "%": (1e-2, "percent pct")},
-}
-#: dimension → the powers of m, kg, s, A and K that its unit is, beside radians and plain numbers.
-POWERS: dict[str, dict[str, int]] = {
-    "length": {"m": 1},
-    "angle": {},
-    "coordinate": {},
-    "force": {"kg": 1, "m": 1, "s": -2},
-    "torque": {"kg": 1, "m": 2, "s": -2},
-    "angular speed": {"s": -1},
-    "speed": {"m": 1, "s": -1},
-    "acceleration": {"m": 1, "s": -2},
-    "current": {"A": 1},
-    "temperature": {"K": 1},
-    "time": {"s": 1},
-    "pressure": {"kg": 1, "m": -1, "s": -2},
-    "mass": {"kg": 1},
-    "ratio": {},
-}
+_TABLE = tomllib.loads(Path(__file__).with_name("units.toml").read_text("utf-8"))
+DIMENSIONS = tuple(_TABLE)
+#: dimension → the powers of m, kg, s, A and K that its unit is.
+POWERS: dict[str, dict[str, int]] = {dimension: entry["powers"] for dimension, entry in _TABLE.items()}
 _OFFSETS = {"K": -273.15}
 #: A capital M would make these a million million times as large: "MN m" is never "mN m".
 _MILLI = frozenset({"mm", "mrad", "mN", "mN m", "mm/s", "mm/s²", "mA", "ms"})
@@ -131,8 +58,8 @@ def _key(text: str) -> str:
 
 def _units() -> dict[str, dict[str, Unit]]:
     units: dict[str, dict[str, Unit]] = {}
-    for dimension, rows in _TABLE.items():
-        for symbol, (factor, others) in rows.items():
+    for dimension, entry in _TABLE.items():
+        for symbol, factor, others in entry["units"]:
             unit = Unit(symbol, dimension, factor, _OFFSETS.get(symbol, 0.0))
             for text in (symbol, *others.split()):
                 key = _key(text)
@@ -141,7 +68,6 @@ def _units() -> dict[str, dict[str, Unit]]:
 
 
 _UNITS = _units()
-DIMENSIONS = tuple(_TABLE)
 
 
 def si(dimension: str) -> Unit:
@@ -151,7 +77,7 @@ def si(dimension: str) -> Unit:
 
 def symbols(dimension: str) -> tuple[str, ...]:
     """Return the symbols of the units of a dimension, the program's own first."""
-    return tuple(_TABLE[dimension])
+    return tuple(symbol for symbol, _, _ in _TABLE[dimension]["units"])
 
 
 def parse(text: str, dimension: str | None = None) -> Unit | None:

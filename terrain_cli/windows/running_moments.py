@@ -8,20 +8,7 @@ regression slope says nothing of the soil. Every test here therefore needs the c
 import numpy as np
 
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
-from terrain_cli.windows import sample_blocks
-from terrain_cli.windows.line_costs import (
-    LARGEST_SLOPE,
-    MIDDLE_SLOPE,
-    NOISE_XX,
-    NOISE_YY,
-    ROWS,
-    SMALLEST_SLOPE,
-    YY,
-    N,
-    W,
-    X,
-    across,
-)
+from terrain_cli.windows import line_costs, sample_blocks
 from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 FLOOR = 2e-3  # No channel is known better than this share of its value
@@ -121,7 +108,7 @@ def _load_variation(xx: Array, xy: Array, yy: Array, ratio: Array) -> tuple[Arra
     divisor = np.where(excess > 0.0, 2.0 * xy, 1.0)
     # The major axis, as noise is alike in both; but no soil's line is flatter or steeper than these.
     axis = (yy - xx + np.sqrt((yy - xx) ** 2 + divisor**2)) / divisor
-    slope = np.clip(axis, SMALLEST_SLOPE * ratio, LARGEST_SLOPE * ratio)
+    slope = np.clip(axis, line_costs.SMALLEST_SLOPE * ratio, line_costs.LARGEST_SLOPE * ratio)
     return slope, np.minimum(excess / slope, 0.9 * np.minimum(xx, yy / slope**2))
 
 
@@ -175,14 +162,14 @@ class RunningMoments:
         sums, self.noise = tame(self.samples, step)
         number = sample_blocks.sizes(len(x), step)
         noise_xx, noise_xy, noise_yy = self.noise
-        self._weight = 1.0 / across(noise_xx, noise_xy, noise_yy, MIDDLE_SLOPE)
+        self._weight = 1.0 / line_costs.across(noise_xx, noise_xy, noise_yy, line_costs.MIDDLE_SLOPE)
         #: Sums over all blocks before each, shape (10, blocks + 1).
-        self.total = np.zeros((ROWS, len(self.edges)))
+        self.total = np.zeros((line_costs.ROWS, len(self.edges)))
         for row, total in zip((number, *sums, *self.noise), self.total, strict=False):
             np.multiply(self._weight, row, out=total[1:])
-        self.total[NOISE_XX : NOISE_YY + 1, 1:] *= number
-        np.cumsum(self.total[:N], axis=1, out=self.total[:N])
-        self.total[N] = self.edges
+        self.total[line_costs.NOISE_XX : line_costs.NOISE_YY + 1, 1:] *= number
+        np.cumsum(self.total[: line_costs.N], axis=1, out=self.total[: line_costs.N])
+        self.total[line_costs.N] = self.edges
 
     def between(self, first: Index, last: Index) -> Array:
         """Return the moments of the windows [first, last), shape (10, k)."""
@@ -209,7 +196,7 @@ class RunningMoments:
         count = self.step // FINE
         x, y = self.samples.blocks(block, self.step).reshape(2, -1, FINE)
         powers = _powers(x, y).reshape(5, len(block), count)[:, :, :-1]
-        rows = np.empty((ROWS, count, len(block)))
+        rows = np.empty((line_costs.ROWS, count, len(block)))
         rows[:, 0] = self.total.take(block, axis=1)
         rows[:, 1:] = self._weighted(block, powers.swapaxes(1, 2), np.full((1, 1), FINE))
         for place in range(1, count):
@@ -223,12 +210,12 @@ class RunningMoments:
         is their samples.
         """
         weight = self._weight[block]
-        rows = np.empty((ROWS, *powers.shape[1:]))
-        rows[W] = number * weight
-        np.multiply(powers, weight, out=rows[X : YY + 1])
-        for row, noise in zip(rows[NOISE_XX : NOISE_YY + 1], self.noise, strict=True):
+        rows = np.empty((line_costs.ROWS, *powers.shape[1:]))
+        rows[line_costs.W] = number * weight
+        np.multiply(powers, weight, out=rows[line_costs.X : line_costs.YY + 1])
+        for row, noise in zip(rows[line_costs.NOISE_XX : line_costs.NOISE_YY + 1], self.noise, strict=True):
             row[:] = number * (weight * noise[block])
-        rows[N] = number
+        rows[line_costs.N] = number
         return rows
 
     def around(self, sample: Index, reach: int) -> tuple[Index, Array]:

@@ -8,12 +8,14 @@ from bags import message, typestore
 from drawn import NAMES, Values, types
 from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
+from plain_decoding import decoded, extract
 from profiles import examples
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from formats.rosbag import decoder
 from formats.rosbag.bulk_extraction import UnevenError, gather
-from formats.rosbag.decoder import UndecodableError, extract
+from formats.rosbag.decoder import UndecodableError
 from formats.rosbag.definitions import Definition, FieldRequest, find_leaves
 from formats.rosbag.storage.raw_messages import of_payloads
 
@@ -41,7 +43,7 @@ def same(fast, slow, wanted):
 
 def compare(definition, payloads, *, must_be_fast):
     wanted = requests(definition)
-    messages = [decoder.decoded(definition, payload) for payload in payloads]
+    messages = [decoded(definition, payload) for payload in payloads]
     slow = [extract(messages, *pair) for pair in wanted]
     try:
         fast = gather(definition, of_payloads(payloads), wanted)
@@ -172,18 +174,19 @@ def test_lists_of_messages_by_place_and_by_name(order):
 
 
 @orders
-@pytest.mark.parametrize("counts", [(1, 2), (300, 300)])
-def test_lists_that_go_the_plain_way(order, counts):
+@pytest.mark.parametrize("counts", [(1, 2), (2, 1), (300, 300)])
+def test_lists_of_as_many_messages_or_not(order, counts):
     rows = [{"wheels": [{"name": f"w{i}", "torque": i} for i in range(n)], "end": 5} for n in counts]
     definition, payloads = pack("Wheel[] wheels\nuint8 end\n", rows, order)
-    with pytest.raises(UnevenError):
-        gather(definition, of_payloads(payloads), requests(definition))
+    if counts[0] != counts[1]:
+        with pytest.raises(UnevenError):
+            gather(definition, of_payloads(payloads), requests(definition))
     columns = decoder.columns(
         definition,
         of_payloads(payloads),
         [FieldRequest("t", "wheels.torque", "number", "w1"), FieldRequest("end", "end", "number")],
     )
-    np.testing.assert_array_equal(columns[0][0], [np.nan if counts[0] == 1 else 1, 1])
+    np.testing.assert_array_equal(columns[0][0], [np.nan if count == 1 else 1 for count in counts])
     assert columns[1][0].tolist() == [5, 5]
 
 
@@ -224,6 +227,15 @@ def test_bytes_left_over(order):
     assert caught.value.row == 2
 
 
+@orders
+def test_of_several_wrong_messages_the_first_is_told(order):
+    definition, (whole,) = pack(TEXT, [ROW], order)
+    payloads = [whole, whole + bytes(8), whole[:-3], whole]
+    with pytest.raises(UndecodableError, match="longer than its members") as caught:
+        decoder.columns(definition, of_payloads(payloads), [FieldRequest("end", "end", "number")])
+    assert caught.value.row == 1
+
+
 @examples(150)
 @given(st.data(), st.sampled_from(["ros1", "<", ">"]))
 def test_damaged_bytes_give_an_error_or_what_the_plain_way_gives(data, order):
@@ -233,8 +245,8 @@ def test_damaged_bytes_give_an_error_or_what_the_plain_way_gives(data, order):
         broken[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
     wanted = requests(definition)
     try:
-        messages = [decoder.decoded(definition, whole), decoder.decoded(definition, bytes(broken))]
-    except UndecodableError as error:
+        messages = [decoded(definition, whole), decoded(definition, bytes(broken))]
+    except SerdeError as error:
         assume("utf-8" not in str(error))  # only texts that are asked for are decoded the fast way
         with pytest.raises(UndecodableError):
             decoder.columns(

@@ -7,8 +7,9 @@ import struct
 import pytest
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
-from formats.rosbag.decoder import UndecodableError, decoded
+from formats.rosbag.decoder import UndecodableError, columns
 from formats.rosbag.definitions import FILLER, UnusableError, define
+from formats.rosbag.storage.raw_messages import of_payloads
 
 pytestmark = pytest.mark.usefixtures("soon")
 
@@ -103,7 +104,6 @@ module a { module msg {
 )
 @pytest.mark.parametrize("idl", [False, True])
 def test_names_do_not_become_code(name, idl):
-    """What rosbags writes of definitions is Python, and it runs that."""
     text = "module a { module msg { struct B { long x; }; }; };" if idl else "int8 x\n"
     with pytest.raises(UnusableError):
         define(connection(text, idl=idl, name=name), ros1=False)
@@ -114,17 +114,22 @@ def test_constants_do_not_become_code(value):
     """A constant is no part of a message."""
     found = define(connection(f"string A={value}\nfloat32 C=1e999\nint8 x\n"), ros1=False)
     assert list(found.leaves) == ["x"]
-    assert not hasattr(found.store.types["a/msg/B"], "A")
+    assert found.types["a/msg/B"][0] == []
 
 
-def test_a_definition_of_which_no_class_can_be_made():
-    """Found when a message is decoded by itself, for only then rosbags writes its class."""
+def test_a_member_called_as_what_the_tools_add():
     definition = define(connection(f"uint8 {FILLER}\nstring[] x\n"), ros1=True)
-    with pytest.raises(UndecodableError, match="default"):
-        decoded(definition, bytes(5))
+    with pytest.raises(UndecodableError):
+        columns(definition, of_payloads([bytes(5)]), [])
 
 
 def test_a_list_that_claims_more_than_there_is():
     definition = define(connection(f"C[] x\n{BAR}MSG: a/C\nstring[] y\n"), ros1=True)
     with pytest.raises(UndecodableError):
-        decoded(definition, struct.pack("<I", 2**32 - 1) + bytes(100))
+        columns(definition, of_payloads([struct.pack("<I", 2**32 - 1) + bytes(100)]), [])
+
+
+def test_more_texts_than_are_walked():
+    definition = define(connection("string[] x\n"), ros1=True)
+    with pytest.raises(UndecodableError, match="more than 1,000,000 texts"):
+        columns(definition, of_payloads([struct.pack("<I", 1_000_001) + bytes(4 * 1_000_001)]), [])

@@ -11,6 +11,7 @@ from bags import typestore, write_ros1, write_ros2
 from drawn import Values, types
 from hypothesis import HealthCheck, Phase, given
 from hypothesis import strategies as st
+from plain_decoding import decoded, extract
 from profiles import examples
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import Writer as Ros1Writer
@@ -22,7 +23,6 @@ from test_bulk_extraction import requests
 
 from formats.errors import FormatError
 from formats.rosbag.bag_source import BagSource
-from formats.rosbag.decoder import decoded, extract
 from formats.rosbag.definitions import define
 from formats.rosbag.storage import chunks, mcap, ros1
 from formats.table import LOG_TIME, Labels

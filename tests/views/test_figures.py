@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from compared import ABOVE, EXCESS, comparison_of, drive
+from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from simulator.run import simulate
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Glyph .* missing from:UserWarnin
 
 @pytest.fixture(autouse=True)
 def _style():
-    with mpl.rc_context(chart_style.SETTINGS):
+    with style.context(chart_style.STYLE):
         yield
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import terrain_cli as terrain
@@ -34,7 +34,7 @@ def wheel():
 
 
 def drawn(figure):
-    with mpl.rc_context(chart_style.SETTINGS):
+    with style.context(chart_style.STYLE):
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
     return np.asarray(canvas.buffer_rgba())
@@ -67,7 +67,7 @@ def test_the_legend_of_one_segment_fits_and_its_stress_is_not_that_of_the_table(
     table, posterior = wheel
     rows = np.flatnonzero(np.asarray(posterior["segment"]) == 1)
     one = {name: np.asarray(values)[rows] for name, values in posterior.items()}
-    with mpl.rc_context(chart_style.SETTINGS):
+    with style.context(chart_style.STYLE):
         figure = soil_figures.valleys({**one, "prior": one["value"], "prior_sd": one["se"]}, table)
         FigureCanvasAgg(figure).draw()
         legend = figure.legends[0].get_window_extent()

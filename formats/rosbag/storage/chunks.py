@@ -5,8 +5,6 @@ chunk. Chunks are joined until they have `RUN_BYTES`, and what the index says of
 and checked with NumPy: no message is touched in Python.
 """
 
-from __future__ import annotations
-
 import os
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence

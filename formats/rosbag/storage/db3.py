@@ -6,8 +6,6 @@ file is then read without any lock, as it is between two commits. That nobody wr
 the lock of the writer, and from the count of its commits.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sqlite3

@@ -4,8 +4,6 @@ SQLite gives row after row to Python; here the leaves of the one table are decod
 the payloads that go on in further pages, and whole files in which anything is not plain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator
 from io import BufferedReader
 from itertools import pairwise

@@ -10,8 +10,6 @@ rosbags to do, and then to go from here:
 - profiles of quality, in YAML, parsed when they are asked for.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from binascii import crc32

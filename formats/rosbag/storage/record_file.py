@@ -1,7 +1,5 @@
 """Files of records one after another, MCAP and ROS 1, also while a recorder still writes them."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct

@@ -1,7 +1,5 @@
 """The files of ROS 1, read through their index in bulk."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial

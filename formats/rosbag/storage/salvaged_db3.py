@@ -4,8 +4,6 @@ SQLite has no checksums: a row is taken where it is one of messages in every res
 log times, as far as it is there, does not contradict it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 import sqlite3

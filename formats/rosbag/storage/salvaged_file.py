@@ -1,7 +1,5 @@
 """The readable pieces of a damaged bag: a message is given as it was recorded, or not at all."""
 
-from __future__ import annotations
-
 import mmap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Sequence

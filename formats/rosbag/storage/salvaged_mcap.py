@@ -4,8 +4,6 @@ Records, each with its length, follow each other (https://mcap.dev/spec); where 
 chunk is looked for. A message is taken where the checksum of its chunk is right, or its index names it too.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from binascii import crc32

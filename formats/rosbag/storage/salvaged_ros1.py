@@ -6,8 +6,6 @@ its own): a message is taken where the index behind its chunk names it too, or t
 the last chunk before a cut.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterator

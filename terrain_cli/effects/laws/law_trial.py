@@ -1,6 +1,8 @@
 """A user's law tried on random numbers: it must do nothing at the null values, and something elsewhere."""
 
+import tomllib
 from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,42 +14,7 @@ from terrain_cli.vocabulary.arrays import Array
 SAMPLES = 256  # Samples of a trial
 ROUNDING = 1e-9  # Largest difference at the null values, as a share of the quantity
 
-#: Ordinary values, SI, of what does not follow from something else.
-_RANGES = {
-    "load": (10.0, 400.0),
-    "slip": (-0.3, 0.9),
-    "cohesion": (100.0, 5e3),
-    "tan_phi": (0.3, 0.9),
-    "shear_modulus": (0.005, 0.04),
-    "stiffness": (2e5, 3e6),
-    "sinkage_exponent": (0.6, 1.4),
-    "torque": (-5.0, 30.0),
-    "drawbar_pull": (-50.0, 150.0),
-    "measured_torque": (-5.0, 30.0),
-    "measured_drawbar_pull": (-50.0, 150.0),
-    "wheel_radius": (0.05, 0.3),
-    "width": (0.03, 0.2),
-    "gravity": (1.6, 9.9),
-    "grouser_height": (0.002, 0.02),
-    "grouser_count": (8.0, 30.0),
-    "wheel_angle": (0.0, 100.0),
-    "rut_slope": (-0.1, 0.1),
-    "time": (0.0, 600.0),
-    "angular_velocity": (-3.0, 3.0),
-    "pitch": (-0.4, 0.4),
-    "roll": (-0.4, 0.4),
-    "yaw_rate": (-0.5, 0.5),
-    "motor_current": (0.05, 5.0),
-    "motor_temperature": (-40.0, 60.0),
-    "acceleration": (-0.5, 0.5),
-    "pass_number": (0.0, 4.0),
-    "slip_angle": (-0.5, 0.5),
-    "x": (-100.0, 100.0),
-    "y": (-100.0, 100.0),
-    "elevation": (-10.0, 10.0),
-    "longitude": (-180.0, 180.0),
-    "latitude": (-90.0, 90.0),
-}
+_ORDINARY = tomllib.loads(Path(__file__).with_name("ordinary_values.toml").read_text("utf-8"))
 _COLUMN = (0.1, 10.0)
 _WHOLE = frozenset({"pass_number", "grouser_count"})
 
@@ -133,7 +100,7 @@ def inputs(names: Collection[str]) -> dict[str, Array]:
         values = random.uniform(low, high, SAMPLES)
         return np.floor(values) if whole else values
 
-    q = {name: draw(low, high, whole=name in _WHOLE) for name, (low, high) in _RANGES.items()}
+    q = {name: draw(low, high, whole=name in _WHOLE) for name, (low, high) in _ORDINARY.items()}
     r = q["radius"] = q["shear_radius"] = q["wheel_radius"]
     q["sinkage"] = r * draw(0.02, 0.4)
     q["entry_angle"] = np.arccos(1.0 - q["sinkage"] / r)

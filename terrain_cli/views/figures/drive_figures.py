@@ -1,7 +1,5 @@
 """A drive as measured; how the estimate converges along it (Figs. 3, 4, 7 of Iagnemma et al. 2004)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Any

@@ -1,7 +1,5 @@
 """How well a model predicts: against measurements, along its drivers, and change by change."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from textwrap import fill

@@ -1,7 +1,5 @@
 """The soil: c and φ with their errors, alone and together, its strength, stresses at the rim, the track."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The report: from a comparison to one page of HTML that holds everything, and fetches nothing."""
 
-from __future__ import annotations
-
 import gzip
 import re
 import zlib

@@ -1,7 +1,5 @@
 """Charts of a drive: its segments in time, on maps, by soil and strength; and its samples."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

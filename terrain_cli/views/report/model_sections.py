@@ -1,7 +1,5 @@
 """The section in which a reader chooses a model and sees its errors and misfit, and its history."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from textwrap import wrap
 from typing import Any

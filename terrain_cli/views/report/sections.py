@@ -1,7 +1,5 @@
 """The sections of the page that show a comparison."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
