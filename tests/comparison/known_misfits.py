@@ -66,7 +66,7 @@ class Kind:
 
     `share` is the deviation of the noise of load, torque, sinkage and slip as a share of each;
     `memory` its correlation from sample to sample. `varies` puts another variety of the soil under
-    every patch, and `runs` says where they begin.
+    every patch, and `runs` says where they begin. On `two` soils it is another one in the second half.
     """
 
     effects: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
@@ -74,12 +74,15 @@ class Kind:
     memory: float = 0.0
     varies: bool = False
     runs: bool = False
+    two: bool = False
 
 
 def soil_of(rng, kind):
     """Return a soil, or its varieties patch by patch: some twelve of them, so that drives share tables."""
     name = int(rng.integers(len(SOILS)))
     soil = base_contact(SOILS[name])
+    if kind.two:
+        return [(base_contact(SOILS[(name + j) % len(SOILS)]), PATCHES * PATCH / 2.0) for j in range(2)]
     if not kind.varies:
         return [(soil, PATCHES * PATCH)]
     some = np.random.default_rng(name).normal(size=(6, 3))
