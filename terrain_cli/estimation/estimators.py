@@ -149,8 +149,8 @@ def estimate(
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
     if file is None:
-        windows = windows.on_line()
-        line = with_strengths(with_assumptions(line, windows, of_line), windows, at_stress)
+        driving = windows.on_line()
+        line = with_strengths(with_assumptions(line, driving, of_line), driving, at_stress)
         return Fitted(windows, line, joint=fit_account.of_line(line, asked))
     own, whole, windows = file, windows, windows.thinned(_MOST)
     rivals = models.rivals(file)
