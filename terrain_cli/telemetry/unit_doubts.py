@@ -8,10 +8,11 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
+from formats.recovery import Notice
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import rover_advice
 from terrain_cli.telemetry.derived_channels import stands
-from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
+from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Plan, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
