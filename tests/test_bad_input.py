@@ -409,3 +409,23 @@ def test_an_output_that_cannot_be(folder, run, output):
     code, out, err = run("estimate", write("run.csv", text(good())), "-o", output)
     assert (code, out) == (73, "")
     assert err.startswith(f"terrain-est: {output}: ")
+
+
+@pytest.mark.parametrize(
+    ("verb", "option", "output"),
+    [
+        ("estimate", "-o", "nowhere/soil.csv"),
+        ("estimate", "--summary", "nowhere/soil.json"),
+        ("estimate", "--posterior", "nowhere/soil.csv"),
+        ("estimate", "--plot", "run.csv/pictures"),
+        ("compare", "--plot", "run.csv/pictures"),
+        ("diagnose", "--plot", "run.csv/pictures"),
+        ("diagnose", "--draft", "nowhere/law.toml"),
+        ("report", "-o", "nowhere/page.html"),
+        ("batch", "-o", "run.csv/results"),
+    ],
+)
+def test_an_output_that_cannot_be_is_told_before_the_work(verb, option, output, run, monkeypatch):
+    monkeypatch.setattr("formats.open_source", lambda *_, **__: pytest.fail("an input was read"))
+    code, out, err = run(verb, write("run.csv", text(good())), option, output)
+    assert (code, out, err) == (73, "", f"terrain-est: {output}: no such folder\n")

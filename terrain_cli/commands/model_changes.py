@@ -171,7 +171,7 @@ def _write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
 )
 @options.value(
     "--draft FILE.toml|DIR",
-    paths.OUTPUT,
+    paths.DRAFTS,
     "With --until-quiet: where to write a law for what no candidate explains, to try it.  [stop there]",
 )
 @with_options
