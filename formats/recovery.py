@@ -13,6 +13,12 @@ _TOLD = 3  # Damage of one kind is told so many times
 _BEGINNINGS = ("damaged: ", "salvaged: ", "lost: ")  # How the sentences begin that tell of it
 
 
+class Notice(str):
+    """A remark that every command says, in what it writes or on stderr, whatever else it shows."""
+
+    __slots__ = ()
+
+
 def told(remarks: Iterable[str]) -> list[str]:
     """Return the remarks that tell what was saved and what was lost."""
     return [remark for remark in remarks if remark.startswith(_BEGINNINGS)]

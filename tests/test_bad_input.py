@@ -243,8 +243,20 @@ def test_a_unit_by_which_nothing_can_be_used_is_told(folder, refused):
     assert 'if velocity is in km/h, velocity = { column = "velocity", unit = "km/h" }' in err
 
 
-def test_a_log_written_backwards(set_aside):
-    set_aside(write("run.csv", text(good()[::-1])), {"time runs backwards": N - 1})
+def test_a_log_written_backwards(set_aside, run):
+    path, aside = write("run.csv", text(good()[::-1])), {"time runs backwards": N - 1}
+    set_aside(path, aside, says=[f"time runs backwards in {N - 1} of {N} samples: sort the rows by time"])
+    for verb in ("compare", "diagnose"):
+        code, out, _ = run(verb, path, "-q")
+        assert code == 0
+        assert out.endswith("The rows are not in the order of time: sort them by it.\n")
+
+
+@pytest.mark.parametrize("verb", ["compare", "diagnose"])
+def test_texts_in_numbers_are_told_by_every_verb(verb, run):
+    code, out, _ = run(verb, write("run.csv", text(changed(load=([4, 9], "overload")))), "-q")
+    assert code == 0
+    assert "note: run.csv: row 6: load is 'overload', not a number (2 such cells)" in out
 
 
 def test_a_log_without_geometry(folder, run):
@@ -397,3 +409,23 @@ def test_an_output_that_cannot_be(folder, run, output):
     code, out, err = run("estimate", write("run.csv", text(good())), "-o", output)
     assert (code, out) == (73, "")
     assert err.startswith(f"terrain-est: {output}: ")
+
+
+@pytest.mark.parametrize(
+    ("verb", "option", "output"),
+    [
+        ("estimate", "-o", "nowhere/soil.csv"),
+        ("estimate", "--summary", "nowhere/soil.json"),
+        ("estimate", "--posterior", "nowhere/soil.csv"),
+        ("estimate", "--plot", "run.csv/pictures"),
+        ("compare", "--plot", "run.csv/pictures"),
+        ("diagnose", "--plot", "run.csv/pictures"),
+        ("diagnose", "--draft", "nowhere/law.toml"),
+        ("report", "-o", "nowhere/page.html"),
+        ("batch", "-o", "run.csv/results"),
+    ],
+)
+def test_an_output_that_cannot_be_is_told_before_the_work(verb, option, output, run, monkeypatch):
+    monkeypatch.setattr("formats.open_source", lambda *_, **__: pytest.fail("an input was read"))
+    code, out, err = run(verb, write("run.csv", text(good())), option, output)
+    assert (code, out, err) == (73, "", f"terrain-est: {output}: no such folder\n")

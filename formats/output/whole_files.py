@@ -108,13 +108,15 @@ def _pass_on(path: str, stream: int | str) -> None:
         shutil.copyfileobj(file, target)
 
 
-def check_free(path: str, *, replace: bool = False) -> None:
+def check_free(path: str, *, replace: bool = False, folder: bool = False) -> None:
     """Check before the work that a file can be written, and that none is lost by it.
 
     Parameters
     ----------
     replace : bool
         A file may be there.
+    folder : bool
+        Files will be written into it; it is made where it is not there.
 
     Raises
     ------
@@ -125,6 +127,10 @@ def check_free(path: str, *, replace: bool = False) -> None:
     if is_stream(path):
         return
     with explained(path):
+        if folder:
+            there = next(above for above in (place, *place.absolute().parents) if above.exists())
+            with tempfile.TemporaryFile(dir=there):
+                return
         if path.endswith("/") and place.exists():
             hint = "remove it, or name another: no folder is replaced"
             raise CannotWriteError(path, "is there already", hint=hint)

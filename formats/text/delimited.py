@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from formats.content import SalvagedText, TextStream
 from formats.errors import DamagedError, FormatError
-from formats.recovery import HINT, Recovery
+from formats.recovery import HINT, Notice, Recovery
 from formats.table import BATCH_ROWS, Batch, Column, Field, Kind, Source, Stream
 from formats.text import unguarded
 from formats.text.cell_values import MISSING_SPELLINGS, Names, kind_of, numbers, of_texts, times
@@ -59,7 +59,7 @@ class DelimitedSource(Source):
             *([stream.encoding.upper()] if stream.encoding != "utf-8" else []),
             *self._dialect.remarks,
         ]
-        self._said: dict[tuple[str, str], str] = {}
+        self._said: dict[tuple[str, str], Notice] = {}
         self._kinds = dict(zip(self._dialect.names, self._look_ahead(), strict=True))
         #: Rows set aside in the last reading, for they have more fields than the header or were cut off.
         self.skipped = 0
@@ -90,7 +90,7 @@ class DelimitedSource(Source):
                 }
             count += len(rows)
         self.remarks = [remark for remark in self.remarks if remark not in self._said.values()]
-        self._said |= {key: str(finding) for key, finding in findings.items()}
+        self._said |= {key: Notice(finding) for key, finding in findings.items()}
         self.remarks += self._said.values()
         if fields and not count:
             first = next(iter(findings.values()), "")

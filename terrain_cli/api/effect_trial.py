@@ -191,19 +191,18 @@ def add_effect(
         changed = models.added(before, names, windows[0].samples.geometry.shear_modulus)
         if keep_aside is not None:
             windows = kept_aside.marked(windows, keep_aside)
-        step = improvement.tried(
+        step = improvement.tried_in_forms(
             windows_of(windows, changed.file.model.effects),
             "add",
-            changed.ids,
+            changed,
             before,
-            changed.file,
             seed=seed,
             progress=progress or (lambda _: None),
         )
     step = replace(step, kept=step.pays or keep)
     if not step.kept:
         return EffectTrial(before, step, before.path)
-    after = models.recorded(changed.file, _entry(step))
+    after = models.recorded(step.after, _entry(step))
     if path is None:
         return EffectTrial(after, step, before.path)
     models.save(models.moved(after, Path(path)), path)

@@ -132,7 +132,7 @@ def _tell(
     path: str, source: Source, wheels: Sequence[Samples], progress: Progress, *, noted: bool, verbose: bool
 ) -> None:
     """Tell what was salvaged of an input, what is remarked of it, and what was set aside."""
-    from terrain_cli.telemetry.wheel_samples import Notice
+    from formats.recovery import Notice
 
     for sentence in source.recovery.sentences() if source.recovery else ():
         progress.tell(f"{path}: {sentence}")

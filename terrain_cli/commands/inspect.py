@@ -36,8 +36,8 @@ def command(**given: Any) -> int:
     log, or columns contradict each other, the content comes first and then the problem.
     """
     import formats
+    from formats.recovery import Notice
     from terrain_cli.presentation import inspection
-    from terrain_cli.telemetry.wheel_samples import Notice
 
     logs = formats.expand(given["inputs"])
     rovers = options.load_rover(given["rover"], logs)
@@ -65,7 +65,8 @@ def command(**given: Any) -> int:
         # The lines for rover.toml are lines of a file.
         shown = [in_lines(one) | {"rover_toml": one["rover_toml"]} for one in documents]
         say("\n\n".join(inspection.text(one, verbose=given["verbose"]) for one in shown))
-    for document in () if given["quiet"] else documents:
+    # What is shown as text has them.
+    for document in documents if given["as_json"] and not given["quiet"] else ():
         for remark in (remark for remark in document["remarks"] if isinstance(remark, Notice)):
             click.echo(f"{document['source']}: {remark}", err=True)
     for one in problems:

@@ -95,11 +95,12 @@ def change(context: click.Context, action: Action) -> None:
         return
     step = _tried(context, action, before, changed, given["inputs"])
     if given.get("confirm") and step.pays:
-        step = replace(step, confirmation=_tried(context, action, before, changed, given["confirm"]))
+        chosen = changed._replace(file=step.after)
+        step = replace(step, confirmation=_tried(context, action, before, chosen, given["confirm"]))
     asked_for = action == "remove" or given["keep"]
     step = replace(step, kept=(step.pays and step.confirmed) or asked_for)
     if step.kept:
-        _write(given["file"], changed.file, model_history.entry(step, change_text.reason(step)))
+        _write(given["file"], step.after, model_history.entry(step, change_text.reason(step)))
     asked = comparison_options.repeated(context, given["file"])
     _tell(context, change_text.text(step, asked), change_text.document(step, asked))
 
@@ -114,12 +115,11 @@ def _tried(
     given = context.params
     with Progress(len(inputs) + 1, enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, [before, changed.file], progress, inputs)
-        return improvement.tried(
+        return improvement.tried_in_forms(
             cut,
             action,
-            changed.ids,
+            changed,
             before,
-            changed.file,
             seed=given["seed"],
             progress=partial(progress.say, given["file"]),
             beside=cores() > 1,
@@ -171,7 +171,7 @@ def _write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
 )
 @options.value(
     "--draft FILE.toml|DIR",
-    paths.OUTPUT,
+    paths.DRAFTS,
     "With --until-quiet: where to write a law for what no candidate explains, to try it.  [stop there]",
 )
 @with_options

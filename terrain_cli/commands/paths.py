@@ -112,10 +112,16 @@ class Writes(Named):
     """
 
     def __init__(
-        self, sign: Sign | None = None, *, result: bool = False, layer: bool = False, changed: bool = False
+        self,
+        sign: Sign | None = None,
+        *,
+        result: bool = False,
+        layer: bool = False,
+        changed: bool = False,
+        drafts: bool = False,  # Without the ending of an effect file it is a folder for several
     ) -> None:
         super().__init__(_effects if changed else lambda _: ())
-        self.sign, self.result, self.layer, self.changed = sign, result, layer, changed
+        self.sign, self.result, self.layer, self.changed, self.drafts = sign, result, layer, changed, drafts
 
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the files that are there no more, or are others, once it is written."""
@@ -252,6 +258,7 @@ POSTERIOR = Writes(named_files.POSTERIOR)
 SUMMARY = Writes(named_files.SUMMARY)
 PAGE = Writes(named_files.PAGE, result=True)
 CHANGED = Writes(changed=True)
+DRAFTS = Writes(drafts=True)
 PICTURES = _Pictures()
 BATCH = _Batch(result=True)
 
@@ -281,15 +288,19 @@ def check(context: click.Context) -> None:
 
 
 def check_others(context: click.Context) -> None:
-    """Refuse to replace what is no earlier result of the same kind, unless --force is given.
+    """Refuse what cannot be written, and without --force to replace what is no earlier result of the kind.
 
     A command that takes a rover file calls this once it knows what that names: an input is told first.
     """
-    from formats.errors import CannotWriteError
+    from formats import CannotWriteError, check_free
 
     for write in _writes(context):
+        if write.stream:
+            continue
         folder = isinstance(write.kind, _Folder)
-        if write.stream or (context.params.get("force") and not folder):
+        made = folder or (write.kind.drafts and not write.path.endswith(".toml"))
+        check_free(write.path, replace=True, folder=made)
+        if context.params.get("force") and not folder:
             continue
         for name in write.kind.of_others(write.path):
             hint = "name another folder, or move it away" if folder else "--force replaces it"

@@ -181,7 +181,6 @@ def _number(text: str) -> float | str:
 
 
 def _noise(texts: Sequence[str]) -> dict[str, Any]:
-    from terrain_cli.simulation import COMMAND_LINE
     from terrain_cli.simulation.sensors import USUAL, Sensor, share_rule
 
     noise: dict[str, Any] = {}
@@ -194,7 +193,7 @@ def _noise(texts: Sequence[str]) -> dict[str, Any]:
             if not sign:
                 # Of several channels with units of their own, a bare number can only be a share.
                 try:
-                    share = share_rule(part, f"{COMMAND_LINE}: noise")
+                    share = share_rule(part, "--noise")
                 except ConfigurationError as error:
                     raise UsageError(str(error), hint=error.hint) from None
                 sensor["white"] = f"{100.0 * share!r}%"

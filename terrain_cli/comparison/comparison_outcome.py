@@ -16,6 +16,7 @@ from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import Refused
 from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.unit_doubts import Doubt
+from terrain_cli.telemetry.usable_samples import unsorted
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.windows.cut_windows import Windows, unbroken
 
@@ -178,6 +179,11 @@ class Comparison:
         """Signs and units that are improbable, and that nothing states in rover.toml."""
         remarks = (one for wheel in self.wheels for one in wheel.samples.remarks)
         return tuple(dict.fromkeys(one.of for one in remarks if isinstance(one, Doubt) and one.of))
+
+    @property
+    def unsorted(self) -> bool:
+        """Whether the rows of an input are not in the order of time."""
+        return any(unsorted(wheel.samples.set_aside) for wheel in self.wheels)
 
     @property
     def soil_count(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -33,6 +33,7 @@ _READ = (*smoothed_channels.INTERPOLATED, "torque", "drawbar_pull")
 _TELL = 1_000  # Samples that tell over which gap channels are interpolated best (judged)
 _MOST_COMMON = 30_000  # Most samples to which one soil is fitted
 _WEIGHED = 3  # Times that test points are weighed anew by what the model leaves of them
+Levels = Mapping[str, float]  # Noise by channel
 _FAR = 3.0  # Prior standard deviations within which a search begins
 
 
@@ -104,14 +105,14 @@ class FittedWheel:
         # Of test points load and slip were set, and are exact.
         astray = ratio >= criteria.ASTRAY or not self.ordered or lost
         levels = {name: level.deviation for name, level in self.noise.items()}
-        before = self._off(levels)
-        if not astray and not before > criteria.NOTICED:
+        sizes = self._sizes()
+        if not astray and not _off(sizes, levels) > criteria.NOTICED:
             return
         data = self.least_squares_data()
         t, common = self.beginning()
         # That fit can have gone astray in what is common too: none of its effects is where others begin.
         starts = product((t, None), (common, np.zeros_like(common)) if len(common) else (common,))
-        first, sizes = (self.fit, dict(self.parameters)), self._sizes()
+        first = (self.fit, dict(self.parameters))
         solution = smoothed_fit.search(self.model, self.sought, data, starts)
         for _ in range(_WEIGHED if not self.ordered else 0):
             data = smoothed_model.with_noise_of(data, solution.residual, criteria.NOISE_POINTS)
@@ -119,8 +120,10 @@ class FittedWheel:
         self._forget()
         self.fit = smoothed_fit.as_fit(data, solution, self.fit)
         self.parameters.update(smoothed_fit.parameters(solution))
-        worse = self.ordered and all(size >= sizes[name] for name, size in self._sizes().items())
-        if (not astray and self._off(levels) >= before) or (worse and not lost):
+        after = self._sizes()
+        worse = self.ordered and all(size >= sizes[name] for name, size in after.items())
+        others = {name: level.deviation for name, level in self.noise.items()}
+        if (not astray and not is_better(after, sizes, (levels, others))) or (worse and not lost):
             self._forget()
             self.fit, self.parameters = first
 
@@ -128,11 +131,6 @@ class FittedWheel:
         """Return the mean square of the residuals of each channel that has any."""
         left = {name: error for name, error in self.residuals.items() if np.isfinite(error).any()}
         return {name: float(np.nanmean(error**2)) for name, error in left.items()}
-
-    def _off(self, levels: Mapping[str, float]) -> float:
-        """Return the largest mean square of the residuals of a channel, in units of its noise's."""
-        sizes = self._sizes().items()
-        return max((size / levels[name] ** 2 for name, size in sizes if levels[name] > 0.0), default=0.0)
 
     def _forget(self) -> None:
         for name in ("predicted", "residuals", "noise"):
@@ -380,3 +378,18 @@ class FittedWheel:
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
         return channels
+
+
+def is_better(after: Mapping[str, float], before: Mapping[str, float], noises: Sequence[Levels]) -> bool:
+    """Tell whether the worst channel of a fit is better than that of another; sizes are mean squares.
+
+    The noise that slip and load bring into a prediction grows with its slopes: a soil that makes too little
+    of them has too little noise too. So a channel is measured by the larger noise of both fits.
+    """
+    levels = {name: max(noise[name] for noise in noises) for name in before}
+    return _off(after, levels) < _off(before, levels)
+
+
+def _off(sizes: Mapping[str, float], levels: Levels) -> float:
+    """Return the largest mean square of the residuals of a channel, in units of its noise's."""
+    return max((size / levels[name] ** 2 for name, size in sizes.items() if levels[name] > 0.0), default=0.0)

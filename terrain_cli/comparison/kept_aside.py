@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from formats.recovery import Notice
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.blocks import at_times
 from terrain_cli.errors import UsageError
 from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.usable_samples import STANDS
-from terrain_cli.telemetry.wheel_samples import Notice
 from terrain_cli.vocabulary.arrays import Index
 from terrain_cli.windows.cut_windows import Windows, pieces
 

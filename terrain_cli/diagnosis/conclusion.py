@@ -54,6 +54,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         ended=comparison.refused.ended,
         unrecorded=scores.unrecorded if scores else (),
         points=comparison.points,
+        unsorted=comparison.unsorted,
         soils=comparison.soil_count,
         wheels=len(comparison.wheels),
         changes=tuple(comparison.soil_changes),
@@ -123,6 +124,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         # Of a pair it may be several.
         checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
         points=found.comparison.points,
+        unsorted=found.comparison.unsorted,
         soils=found.comparison.soil_count,
         wheels=len(found.comparison.wheels),
         changes=tuple(found.comparison.soil_changes),
@@ -290,6 +292,8 @@ def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few
 
 
 def _more(found: Evidence) -> str:
+    if found.unsorted:
+        return "The rows are not in the order of time: sort them by it."
     return "Measure more test points." if found.points else "Record a longer drive."
 
 

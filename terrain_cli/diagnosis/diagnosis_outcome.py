@@ -285,6 +285,7 @@ class Evidence:
     drive: str = ""  # What would tell the best of the family from another, as a command to a person
     checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
     points: bool = False  # The data are steady test points, not drives
+    unsorted: bool = False  # Rows of a table are not in the order of time
     soils: int = 0  # Of the comparison, of all wheels
     wheels: int = 1
     changes: tuple[str, ...] = ()  # Where one of these ends and another begins, though no label says so

@@ -151,6 +151,12 @@ class Step:
     kept: bool = False
 
     @property
+    def held(self) -> dict[str, float]:
+        """Parameters by which it chooses the form of an effect, SI."""
+        new = self.after.fixed.keys() - self.before.fixed.keys()
+        return {name: self.after.fixed[name] for name in new if name.partition(".")[0] in self.changed}
+
+    @property
     def confirmed(self) -> bool:
         """Whether no other drive speaks against it."""
         return self.confirmation is None or self.confirmation.pays

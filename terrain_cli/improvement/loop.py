@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from terrain_cli import models
 from terrain_cli.comparison import Comparison, kept_aside
@@ -10,7 +11,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, Unknow
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Action, Step, Stopped
-from terrain_cli.models import ModelFile
+from terrain_cli.models import Changed, ModelFile
 from terrain_cli.vocabulary.quantities import listed
 from terrain_cli.windows.cut_windows import Windows
 
@@ -46,19 +47,18 @@ def until_quiet(
         action: Action, names: Sequence[str], current: ModelFile, first: Comparison | None
     ) -> tuple[Step, ModelFile]:
         change = (models.added if action == "add" else models.removed)(current, names, modulus)
-        step = tried(
+        step = tried_in_forms(
             wheels,
             action,
-            change.ids,
+            change,
             current,
-            change.file,
             first=first,
             seed=seed,
             progress=lambda what: progress(f"{action} {' '.join(names)}: {what}"),
             beside=beside,
         )
         kept = step.pays if action == "add" else not step.costs
-        return replace(step, kept=kept), change.file if kept else current
+        return replace(step, kept=kept), step.after if kept else current
 
     silent, because = False, ""
     found: Diagnosis | None = None
@@ -103,6 +103,14 @@ def until_quiet(
         again = silent and found.alarm.raised
         because = f"without {listed(removed)} the data show a missing effect again" if again else because
     yield _stopped(file, found, last, because, refused)
+
+
+def tried_in_forms(
+    wheels: Sequence[Windows], action: Action, change: Changed, before: ModelFile, **options: Any
+) -> Step:
+    """Try a change of a model in each form of its effects, as `tried` does; return what predicts best."""
+    steps = [tried(wheels, action, change.ids, before, file, **options) for file in models.in_forms(change)]
+    return min(steps, key=lambda step: (not step.pays, step.evidence.overall.value))
 
 
 def _stopped(

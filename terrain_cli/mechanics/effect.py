@@ -165,9 +165,10 @@ class Parameter:
         """Return the values, SI, at which what it shapes is tried on the channels of some wheels."""
         import numpy as np
 
-        reached = [np.asarray(channels[self.along]) for channels in several if self.along in channels]
-        if reached:
-            found = np.nanquantile(np.concatenate(reached), 0.95) * np.array(_SHARES)
+        columns = [np.asarray(channels[self.along]) for channels in several if self.along in channels]
+        reached = np.concatenate([np.zeros(0), *columns])
+        if np.isfinite(reached).any():
+            found = np.nanquantile(reached, 0.95) * np.array(_SHARES)
         else:
             found = self.null * np.array(_MULTIPLES)
         return tuple(dict.fromkeys(np.clip(found, self.lower, self.upper).tolist()))

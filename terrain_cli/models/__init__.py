@@ -9,6 +9,7 @@ from terrain_cli.models.model_change import Changed as Changed
 from terrain_cli.models.model_change import Refused as Refused
 from terrain_cli.models.model_change import added as added
 from terrain_cli.models.model_change import folder_of as folder_of
+from terrain_cli.models.model_change import in_forms as in_forms
 from terrain_cli.models.model_change import moved as moved
 from terrain_cli.models.model_change import named_from as named_from
 from terrain_cli.models.model_change import recorded as recorded

@@ -150,6 +150,22 @@ def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Change
     return Changed(file, tuple(ids))
 
 
+def in_forms(change: Changed) -> list[ModelFile]:
+    """Return a changed model, and the same with each effect that it has more in its other form.
+
+    That is chosen by a parameter which is held, at its null value where the file says nothing.
+    """
+    file, _ = change
+    named = {
+        effect.qualified(parameter): parameter
+        for effect in file.model.effects
+        if effect.id in change.ids
+        for parameter in effect.parameters
+    }
+    others = {name: one.upper for name, one in named.items() if one.held and name not in file.fixed}
+    return [file, *(replace(file, fixed={**file.fixed, name: value}) for name, value in others.items())]
+
+
 def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Changed:
     """Remove effects with all that the file says of their parameters, or make assumptions again."""
     ids = []

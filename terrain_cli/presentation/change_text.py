@@ -72,7 +72,9 @@ def doubt(step: Step) -> str:
 
 def found(step: Step) -> str:
     """Say what became of the held-out error, without a name."""
-    return f"{'on the stretches kept aside, ' * bool(step.evidence.aside)}{_found(step)}"
+    held = [f"{name} = {value:g}" for name, value in step.held.items()]
+    form = f", with {listed(held)}" if held else ""
+    return f"{'on the stretches kept aside, ' * bool(step.evidence.aside)}{_found(step)}{form}"
 
 
 def _found(step: Step) -> str:

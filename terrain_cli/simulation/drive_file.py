@@ -52,10 +52,10 @@ _PART = toml_files.rules(
     {"drive": "drive", "duration": KEYS["file"]["duration"], **{name: name for name in _PROFILES}},
     {"drive": _DRIVE, **_PROFILES},
 )
-_FILE = toml_files.rules(
+_RULES = toml_files.rule_of_each(
     KEYS["file"],
     {
-        "drive": lambda value, place: toml_files.several(_DRIVE)(_texts(value, place), place),
+        "drive": lambda value, place: [_DRIVE(name, place) for name in _texts(value, place)],
         "parts": toml_files.several(_PART),
         "names": _texts,
         "soils": soils_rule,
@@ -65,11 +65,13 @@ _FILE = toml_files.rules(
         "noise": sensors_rule,
     },
 )
+_FILE = toml_files.table(_RULES)
 _EITHER = {"drive": "part", "part": "drive"}  # Of the two, the last one said counts
 #: The wheel of the paper, with lugs for what needs them.
 WHEEL = {"radius": 0.125, "width": 0.100, "grouser_count": 12, "grouser_height": 0.010}
 SOIL = "dry-sand"
-COMMAND_LINE = "command line"
+COMMAND_LINE = "--"  # What messages about options begin with
+_OPTIONS = {"effects": "effect", "rates": "rate"}  # Where the option is called otherwise
 #: N, the largest first: what each wheel carries if nothing is said and the soil bears it.
 LOADS = (80.0, 60.0, 40.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 
@@ -85,7 +87,10 @@ def read(
         (toml_files.parse(toml_files.read_text(path), path) if path else {}, str(path)),
         (dict(options), label),
     ):
-        checked = _FILE(source, f"{place}: ")
+        if place == COMMAND_LINE:
+            checked = {key: _RULES[key](value, _said(place, key)) for key, value in source.items()}
+        else:
+            checked = _FILE(source, f"{place}: ")
         if "drive" in checked and "part" in checked:
             raise ConfigurationError(f"{place}: give one of drive and part, or drive inside a part")
         for key, value in checked.items():
@@ -100,14 +105,19 @@ def read(
     return _scenario(content, defaultdict(lambda: label, places_of), folder)
 
 
+def _said(place: str, key: str) -> str:
+    """Return how messages call a key: of the command line by its option."""
+    return f"{place}{_OPTIONS.get(key, key)}" if place == COMMAND_LINE else f"{place}: {key}"
+
+
 def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path) -> Scenario:
     wheel = {**WHEEL, **content.get("wheel", {})}
     under = content.get("load", LOADS[0]), wheel["radius"]
     base, effects = _model(content, folder, under)
     for name, given in content.get("effects", {}).items():
-        chosen = choose(name, given, f"{places_of['effects']}: effects", under)
+        chosen = choose(name, given, _said(places_of["effects"], "effects"), under)
         effects[chosen.effect.id] = chosen
-    soil_place = f"{places_of['soil']}: soil"
+    soil_place = _said(places_of["soil"], "soil")
     count = (WHEELS.get(drive, 1) for drive in content.get("drive", ()))
     scenario = Scenario(
         parts=_parts(content),

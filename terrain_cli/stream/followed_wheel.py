@@ -22,10 +22,10 @@ from terrain_cli.stream.model_watch import ModelMiss, ModelWatch
 from terrain_cli.telemetry import Samples, effect_inputs
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
-from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows import cut_windows
-from terrain_cli.windows.online_cuts import SETTLED, OnlineCuts
+from terrain_cli.windows.online_cuts import SETTLED, Driven, OnlineCuts
 
 #: Samples of a segment at the most, some 100 bytes each: a soil that goes on for longer is cut there.
 LONGEST = 1 << 17
@@ -122,6 +122,7 @@ class FollowedWheel:
             min_samples=CUT_SAMPLES if least is None else least,
             min_distance=MIN_DISTANCE if distance is None else distance,
         )
+        self._driven = Driven()
         #: Samples of the stretch before the open segment.
         self._past = 0
         self._looked = -np.inf
@@ -138,7 +139,7 @@ class FollowedWheel:
             self._watch.begin()
         if self._segment.count:
             held = self._segment.whole()
-            self._line.add(_columns(held, *self._driving(held)))
+            self._line.add(_driving(held, *cut_windows.line(held, np.arange(len(held)))))
 
     def take(self, part: Samples) -> Iterator[segment_table.Table]:
         """Take the samples that follow; yield the row of each segment that they close."""
@@ -185,33 +186,31 @@ class FollowedWheel:
 
     def _take(self, piece: Samples) -> Iterator[segment_table.Table]:
         place = self._past + self._segment.count
-        rows, x, y = self._driving(piece)
+        line = cut_windows.line(piece, np.arange(len(piece)))
         if not self._effects:
             kept = {name: column for name, column in piece.channels.items() if name in _KEPT}
             self._segment.add(replace(piece, channels=kept))
         else:
             self._segment.add(piece)
-        self._line.add(_columns(piece, rows, x, y))
-        if self._settings.segments == "auto" and len(rows):
-            yield from self._search(piece, place, rows, (x, y))
+        self._line.add(_driving(piece, *line))
+        if self._settings.segments == "auto":
+            yield from self._search(piece, place, line)
         self._look(piece)
 
-    def _search(
-        self, piece: Samples, place: int, rows: Index, line: tuple[Array, Array]
-    ) -> Iterator[segment_table.Table]:
+    def _search(self, piece: Samples, place: int, line: tuple[Array, Array]) -> Iterator[segment_table.Table]:
         """Close what ends at a change of soil that is sure by now; `place` is that of the piece."""
         nothing = np.full(len(piece), np.nan)
         columns = np.array(
             [
-                place + rows,
-                (nothing if piece.time is None else piece.time)[rows],
+                place + np.arange(len(piece)),
+                nothing if piece.time is None else piece.time,
                 *line,
-                (nothing if piece.distance is None else piece.distance)[rows],
-                *(piece.channels[name][rows] for name in ("load", "sinkage")),
-                *(piece.channels[name][rows] for name in cut_windows.FOLLOWED if name in piece.channels),
+                nothing if piece.distance is None else piece.distance,
+                *(piece.channels[name] for name in ("load", "sinkage")),
+                *(piece.channels[name] for name in cut_windows.FOLLOWED if name in piece.channels),
             ]
         )
-        for bound in self._cuts.add(columns):
+        for bound in self._cuts.add(self._driven.add(columns)):
             yield self._close(bound - self._past)
 
     def _look(self, piece: Samples) -> None:
@@ -224,15 +223,11 @@ class FollowedWheel:
         old = int(np.searchsorted(whole.time, self._looked - _WATCHED_AFTER))
         self.alarms += self._watch.look(whole, min(old, self._segment.count - SETTLED))
 
-    def _driving(self, piece: Samples) -> tuple[Index, Array, Array]:
-        """Return which samples are of a wheel that does not skid, and their coordinates on the line."""
-        rows = np.flatnonzero(piece.channels["slip"] >= 0.0)
-        return rows, *cut_windows.line(piece, rows)
-
     def end(self) -> Iterator[segment_table.Table]:
         """End the stretch: close what is open."""
         if self._settings.segments == "auto":
-            for bound in self._cuts.end():
+            told = self._cuts.add(self._driven.end())
+            for bound in (*told, *self._cuts.end()):
                 yield self._close(bound - self._past)
         if self._segment.count:
             yield self._close(self._segment.count)
@@ -337,6 +332,6 @@ class FollowedWheel:
         return *self._line.soil, self._segment.count
 
 
-def _columns(piece: Samples, rows: Index, x: Array, y: Array) -> Array:
-    """Return what the recursive estimator takes, shape (6, n)."""
-    return np.array([x, y, *(piece.channels[name][rows] for name in NEEDED)])
+def _driving(piece: Samples, x: Array, y: Array) -> Array:
+    """Return what the recursive estimator takes of a wheel that does not skid, shape (6, n)."""
+    return np.array([x, y, *(piece.channels[name] for name in NEEDED)])[:, piece.channels["slip"] >= 0.0]

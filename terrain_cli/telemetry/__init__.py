@@ -8,6 +8,7 @@ import numpy as np
 
 import formats
 from formats import Batch, Source
+from formats.recovery import Notice
 from terrain_cli.errors import InputError, nearest
 from terrain_cli.rover import Rover
 from terrain_cli.telemetry import effect_inputs, raw_channels, raw_columns, rover_advice
@@ -16,7 +17,7 @@ from terrain_cli.telemetry.long_logs import PartReader, excerpt, in_parts
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.usable_samples import Condition
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Notice, Plan, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 

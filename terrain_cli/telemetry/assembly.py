@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 
 from formats import Source
+from formats.recovery import Notice
 from terrain_cli.effects import Effect
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.rover import Rover, Wheel
@@ -21,11 +22,11 @@ from terrain_cli.telemetry import (
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.unit_doubts import UnitEvidence
 from terrain_cli.telemetry.usable_samples import Condition
-from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Geometry, Notice, Plan, Raw, Samples, match_name
+from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Geometry, Plan, Raw, Samples, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
-from terrain_cli.vocabulary.quantities import PREDICTED
+from terrain_cli.vocabulary.quantities import PREDICTED, the_wheel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,6 +171,9 @@ def assemble(
         drivers={**further, **drivers},
         noise=rover.noise,
     )
+    if back := usable_samples.unsorted(reasons):
+        told = f"time runs backwards in {back} of {len(samples)} samples: sort the rows by time"
+        samples.remarks.append(Notice(f"{the_wheel(raw.wheel)}: {told}"))
     if judged and not checked:
         evidence = UnitEvidence(geometry, raw.feeds)
         evidence.add(samples)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from formats import Batch, Column, Labels
-from formats.recovery import told
+from formats.recovery import Notice, told
 from terrain_cli.processes import keep_freed
 from terrain_cli.telemetry import (
     alignment,
@@ -25,7 +25,7 @@ from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.own_clocks import OwnClocks
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
-from terrain_cli.telemetry.wheel_samples import COLUMNS, TABLES, Notice, Raw, Samples
+from terrain_cli.telemetry.wheel_samples import COLUMNS, TABLES, Raw, Samples
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.

@@ -11,8 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from formats.recovery import Notice
 from terrain_cli.telemetry import alignment
-from terrain_cli.telemetry.wheel_samples import CLOCKS, Notice, Raw
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Raw
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.quantities import the_wheel
 

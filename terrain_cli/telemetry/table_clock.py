@@ -8,9 +8,10 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from formats import Batch, Column, Labels, Source
+from formats.recovery import Notice
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
-from terrain_cli.telemetry.wheel_samples import Feed, Notice, Plan
+from terrain_cli.telemetry.wheel_samples import Feed, Plan
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, TimeName, stated_unit, time_names
 

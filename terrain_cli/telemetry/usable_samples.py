@@ -287,6 +287,12 @@ def longest_gap(time: Array, reasons: Labels, max_gap: float | None) -> float:
     return stretch_gap(there if len(there) > 1 else time, max_gap)
 
 
+def unsorted(reasons: Labels) -> int:
+    """Return in how many samples time runs backwards, if that are most: rows of a table in another order."""
+    back = int(np.count_nonzero(is_aside(reasons, BACKWARDS)))
+    return back if 2 * back > len(reasons) else 0
+
+
 def on_ground(reasons: Labels) -> Index:
     """Return the samples that follow the ground: those usable, and those in which the wheel skids."""
     return np.flatnonzero((reasons.codes < 0) | is_aside(reasons, SKIDS))

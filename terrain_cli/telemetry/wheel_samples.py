@@ -167,12 +167,6 @@ def match_name(wanted: str, names: Iterable[str]) -> str | None:
     return None
 
 
-class Notice(str):
-    """A remark that every command says, in what it writes or on stderr, whatever else it shows."""
-
-    __slots__ = ()
-
-
 class Geometry(NamedTuple):
     """Of a wheel, and the shear modulus assumed of its soil."""
 

@@ -174,7 +174,14 @@ def tables(rule_of_each: Rule) -> Rule:
 
 
 def rules(keys: Mapping[str, Any], known: Mapping[str, Rule] = MappingProxyType({})) -> Rule:
-    """Return the rule for a table from what a file of keys says of each, the `known` rules by their names."""
+    """Return the rule for a table from what a file of keys says of each, as `rule_of_each`."""
+    return table(rule_of_each(keys, known))
+
+
+def rule_of_each(
+    keys: Mapping[str, Any], known: Mapping[str, Rule] = MappingProxyType({})
+) -> dict[str, Rule]:
+    """Return the rule of each key from what a file of keys says of it, the `known` rules by their names."""
     by_name = {"text": text, "flag": flag, **known}
 
     def of(entry: Any) -> Rule:
@@ -189,7 +196,7 @@ def rules(keys: Mapping[str, Any], known: Mapping[str, Rule] = MappingProxyType(
                 return vector(1 + axes.count(","), axes, reach)
         return rules(entry, known)
 
-    return table({key: of(entry) for key, entry in keys.items()})
+    return {key: of(entry) for key, entry in keys.items()}
 
 
 def key(name: str) -> str:

@@ -361,6 +361,26 @@ def placed(
     return bounds
 
 
+def placed_by_sinkage(
+    wheel: tuple[Array, Array, Array], bounds: Bounds, changes: Index, earliest: Index
+) -> Index:
+    """Move each of some `changes` among `bounds` to where, from an earliest place on, the sinkage changes.
+
+    Between the two no sample has a line. Of the `wheel` the arrays are load, sinkage and slip, shape (n,).
+    """
+    known, found = _logarithms(*wheel), changes.copy()
+    if known is None:
+        return found
+    table = np.stack([known[0], wheel[2], known[1]])
+    for place in np.flatnonzero(earliest < changes):
+        low, here = earliest[place], changes[place]
+        at = np.searchsorted(bounds, here)
+        first, last = max(bounds[at - 1], low - LONGEST_BRIDGE), min(bounds[at + 1], here + LONGEST_BRIDGE)
+        cuts = np.arange(max(low, first + 1), here + 1)
+        found[place] = cuts[_two_lines(table[:, first:last], cuts - first).argmin()]
+    return found
+
+
 def _two_lines(table: Array, cuts: Index) -> Array:
     """Return what lines before and from each cut leave of the last row, in units of the noise's variance."""
     rows = np.concatenate([np.ones((1, table.shape[1])), table - table.mean(axis=1, keepdims=True)])

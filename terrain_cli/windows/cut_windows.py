@@ -23,6 +23,7 @@ from terrain_cli.windows.change_points import (
     change_points,
     needed,
     placed,
+    placed_by_sinkage,
     sinkage_changes,
     whole_windows,
 )
@@ -33,7 +34,7 @@ _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
 
 #: Samples on either side that tell whether a wheel drives. On 18 wheels both 5 and 16 remove all ten cuts
 #: within one soil where wheels roll freely; 16 leaves three more where slip changes fast.
-_NEAR = 5
+NEAR = 5
 
 #: What every verb reads of a log, and what effects follow: without them a soil would seem to change with it.
 FOLLOWED = ("slip", "load", "angular_velocity", "motor_temperature", "pitch", "roll", "yaw_rate")
@@ -147,7 +148,7 @@ def drives(slip: Array) -> Mask:
     """
     total = np.concatenate([[0.0], np.cumsum(slip)])
     place, n = np.arange(len(slip)), len(slip)
-    return np.asarray(total[np.minimum(place + _NEAR + 1, n)] >= total[np.maximum(place - _NEAR, 0)])
+    return np.asarray(total[np.minimum(place + NEAR + 1, n)] >= total[np.maximum(place - NEAR, 0)])
 
 
 def _coordinates(samples: Samples, rows: Index, driving: Index) -> tuple[Array, Array]:
@@ -269,9 +270,11 @@ def _where_soil_changes(
     _, own, lines, wheel, limits = known(seen)
     changes = whole_windows(len(seen), breaks=np.concatenate([own, np.searchsorted(seen, inner)]))
     changes = placed(lines, wheel, changes, own, **limits)
-    # A wheel that skids between two soils belongs to the first: no line tells.
     inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
-    return whole_windows(len(rows), breaks=np.concatenate([breaks, seen[inner]]))
+    bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, seen[inner]]))
+    # Where a wheel skids between two soils no line tells, but the sinkage does.
+    inner = placed_by_sinkage(known(np.arange(len(rows)))[3], bounds, seen[inner], seen[inner - 1] + 1)
+    return whole_windows(len(rows), breaks=np.concatenate([breaks, inner]))
 
 
 def _turns(samples: Samples, rows: Index | slice, stretch: Index) -> Iterator[Array]:

@@ -16,6 +16,7 @@ import numpy as np
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.change_points import change_points, needed, sinkage_changes
+from terrain_cli.windows.cut_windows import NEAR, drives
 
 HORIZON = 2048  # Samples that are searched: what is further back does not move a bound any more
 #: Samples behind a bound that make it final, twice those in which a new soil must show (`merging.BESIDE`).
@@ -28,6 +29,28 @@ _SAME = 60  # Samples by which a bound may differ from the same one in the searc
 #: metres driven, load in N, sinkage in m (NaN where not known). Any further ones are what the line may follow
 #: (`needed`), of which the first is slip.
 PLACE, TIME, X, Y, DRIVEN, LOAD, SINKAGE, SLIP = range(8)
+
+
+class Driven:
+    """The samples in which a wheel drives on average, told once those behind them are known."""
+
+    def __init__(self) -> None:
+        self._held: Array = np.empty((0, 0))
+        self._told = 0  # Of those held
+
+    def add(self, columns: Array, *, last: bool = False) -> Array:
+        """Take samples, however many; return those that drive among the ones that are now told."""
+        every = np.concatenate([self._held, columns], axis=1) if self._held.size else columns
+        told = every.shape[1] if last else max(every.shape[1] - NEAR, self._told)
+        some = slice(self._told, told)
+        found: Array = every[:, some][:, drives(every[SLIP])[some]]
+        kept = max(told - NEAR, 0)
+        self._held, self._told = every[:, kept:], told - kept
+        return found
+
+    def end(self) -> Array:
+        """Return those that drive among the last ones."""
+        return self.add(self._held[:, :0], last=True) if self._held.size else np.empty((0, 0))
 
 
 class OnlineCuts:

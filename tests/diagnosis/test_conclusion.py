@@ -546,7 +546,7 @@ def test_a_base_that_is_not_the_usual_one_is_named():
 
 def compared_to(channels, **further):
     known = {"blocks": 20, "stretch": None, "doubted": (), "refused": Refused(), "points": False}
-    known |= {"soil_count": 0, "soil_changes": [], "wheels": [None]}
+    known |= {"soil_count": 0, "soil_changes": [], "wheels": [None], "unsorted": False}
     return SimpleNamespace(channels=channels, **{**known, "failures": [], **further})
 
 

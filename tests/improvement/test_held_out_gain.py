@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from terrain_cli import models
 from terrain_cli.comparison.blocks import Interval
 from terrain_cli.comparison.comparison_outcome import UNITS, Series
 from terrain_cli.comparison.kept_aside import TooShort
@@ -51,8 +52,8 @@ def step(first, second, action="add"):
     return Step(
         action=action,
         changed=("x",),
-        before=None,
-        after=None,
+        before=models.build("wong-reece"),
+        after=models.build("wong-reece"),
         first=first,
         second=second,
         compared_before=first,

@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from terrain_cli import models, rover, telemetry
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
-from terrain_cli.improvement import Stopped, model_history, until_quiet
+from terrain_cli.improvement import Stopped, model_history, tried_in_forms, until_quiet
 from terrain_cli.improvement.change_trial import fitted
 from terrain_cli.models import Refused
 from terrain_cli.presentation import change_text
@@ -271,6 +271,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
             failures=[],
             soil_count=1,
             soil_changes=[],
+            unsorted=False,
             wheels=[None],
         ),
         heldout={},
@@ -322,3 +323,17 @@ def test_an_effect_that_needs_more_than_was_read(sinks):
     steps, _ = run(sinks, ["acceleration-torque"])
     assert told(steps) == [("add", "acceleration-torque", False)]
     assert [one.name for one in steps[0].parameters] == ["acceleration-torque.J"]
+
+
+@pytest.mark.parametrize(("filtered", "held"), [(0.0, {}), (1.0, {"sensor-lag.filtered": 1.0})])
+def test_a_late_channel_gets_the_form_that_predicts_better(folder, filtered, held):
+    """A delay or a first-order filter of 1 s: diagnose tries both, and so does who adds the effect."""
+    late = {"torque_lag": 1.0, "filtered": filtered}
+    write_log(folder / "late.csv", {"sensor-lag": late}, seed=79_990_004)
+    wheels, before = cut(folder, "late.csv"), models.resolve("wong-reece")
+    step = tried_in_forms(wheels, "add", models.added(before, ["sensor-lag"], 0.018), before)
+    assert step.pays
+    assert step.after.fixed == held
+    assert change_text.verdict(step).endswith(", with sensor-lag.filtered = 1") == bool(held)
+    lag = next(one for one in step.parameters if one.name == "sensor-lag.torque_lag")
+    assert lag.value == pytest.approx(1.0, abs=0.05)

@@ -28,6 +28,7 @@ def test_an_error_that_fell_is_not_said_not_to_have_fallen():
         absent=0.016,
         fell=[torque],
         rose=[],
+        held={},
         evidence=HeldOutEvidence(Interval(0.877, 0.82, 0.938), blocks=20, lost=0.0),
     )
     assert change_text.verdict(step) == (

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from simulator import DRY_SAND, base_contact, one_wheel, simulate, steps, undulation
 from streams import ROVER, Told, begun, followed, lines, text
 
 from terrain_cli.estimation import estimators
@@ -46,6 +47,35 @@ def test_a_wheel_that_skids_is_in_the_full_model_and_not_on_the_line(tmp_path):
     for method in ("recursive", "wong-reece"):
         told = followed(text(some), method=method, segments="none")
         same(told, offline(some, tmp_path, method=method, segments="none"), NUMBERS)
+
+
+def test_a_wheel_that_rolls_freely_is_on_no_other_soil(monkeypatch):
+    """Downhill a wheel skids a little: noise makes every sixth slip positive."""
+    slip = steps([(0.12, 60.0), (-0.015, 60.0), (0.2, 60.0)])
+    load = undulation(80.0, 0.2, 7.0, seed=79_990_001)
+    soils = [(base_contact(DRY_SAND), 180.0)]
+    drive = one_wheel(soils, load=load, slip=slip, noise=0.02, rate=20.0, seed=79_990_001)
+    columns = simulate(drive).columns()
+    del columns["wheel"]
+    columns["slip"] += 0.015 * np.random.default_rng(79_990_001).standard_normal(len(columns["slip"]))
+    rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+    some = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+
+    def closed(self, count):
+        self._segment.split(count)
+        self._past += count
+        return count
+
+    monkeypatch.setattr(FollowedWheel, "_close", closed)
+    file = choose("auto")
+    wheel = FollowedWheel(Settings(), file, CommonStress(None))
+    rows = begun(some[:2])
+    arriving, told = RowSamples(rows, ROVER, Settings(), file.model.effects), []
+    for first in range(2, len(some), 70):
+        for part in arriving.take(rows.take(text(some[first : first + 70]))):
+            told += wheel.take(part)
+    assert sum([*told, *wheel.end()]) == len(some) - 1
+    assert told == []
 
 
 def test_what_is_set_aside_is_counted_with_the_segment_before(tmp_path):

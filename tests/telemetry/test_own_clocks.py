@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from formats.recovery import Notice
 from terrain_cli import api, rover
-from terrain_cli.telemetry.wheel_samples import Notice
 
 ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
 RATE = 20.0

@@ -190,6 +190,16 @@ def test_a_pull_changes_as_the_torque_over_the_radius(name, pulling, judged):
     assert judged(spoil(pulling), f"{GEOMETRY}[channels]\n{entry[0]}", effects=(), compared=True) == []
 
 
+def test_noise_does_not_hide_the_sign_of_a_pull(pulling, judged):
+    """Stretch by stretch a noisy torque tells nothing; the whole drive does, by how deep the wheel is."""
+    noise = 0.6 * pulling["torque"].std() * np.random.default_rng(79_990_011).standard_normal(len(pulling))
+    noisy = pulling.assign(torque=pulling["torque"] + noise)
+    assert judged(noisy, effects=(), compared=True) == []
+    (line,) = judged(noisy.assign(drawbar_pull=-noisy["drawbar_pull"]), effects=(), compared=True)
+    assert "drawbar_pull falls where torque over wheel radius, less what the soil resists, rises" in line
+    assert line.of == "the sign of drawbar pull"
+
+
 def test_a_torque_of_the_other_sign_leaves_the_pull_alone(pulling, judged):
     """Mended too, the pull would be of the wrong sign."""
     (line,) = judged(pulling.assign(torque=-pulling["torque"]), effects=(), compared=True)

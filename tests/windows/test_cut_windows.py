@@ -31,12 +31,12 @@ from terrain_cli.windows.cut_windows import thinned
 ROVER = Rover(default=Wheel(radius=Drive([]).wheel.radius, width=Drive([]).wheel.width), shear_modulus=0.018)
 
 
-def samples_of(drive):
+def samples_of(drive, **options):
     (log,) = simulate(drive).wheels.values()
     columns = {
         name: values for name, values in log.aligned().items() if name not in {"angular_velocity", "x"}
     }
-    (wheel,) = terrain.from_frame(pd.DataFrame(columns), ROVER)
+    (wheel,) = terrain.from_frame(pd.DataFrame(columns), ROVER, **options)
     return wheel, log
 
 
@@ -100,6 +100,15 @@ def test_a_wheel_that_rolls_freely_is_on_no_other_soil():
     noise = 0.015 * np.random.default_rng(79_935_902).standard_normal(len(wheel))
     noisy = replace(wheel, channels={**wheel.channels, "slip": wheel.channels["slip"] + noise})
     assert len(cuts(noisy)) == 0
+
+
+def test_a_skid_across_two_soils_is_parted_where_the_sinkage_changes():
+    """No sample of a skidding wheel has a line: four of 1,350 in the wrong soil made a clean log misfit."""
+    slip = steps([(0.3, 19.2), (-0.1, 1.6), (0.25, 19.2)])
+    soils = [(DRY_SAND, 20.0), (SANDY_LOAM, 20.0)]
+    drive = one_wheel(soils, load=undulation(80.0, 0.2, 7.0), slip=slip, noise=0.02, rate=20.0)
+    wheel, log = samples_of(drive, model="wong-reece")
+    np.testing.assert_allclose(cuts(wheel), log.boundaries, atol=0.06)
 
 
 def test_two_soils_as_strong_are_told_by_their_sinkage():
