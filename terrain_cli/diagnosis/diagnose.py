@@ -65,7 +65,7 @@ def diagnose(
         pair_is_best=two.is_best,
         on_full_stresses=tuple(one.id for one, _ in full),
     )
-    rivals = {"family": family.members, "on_full_stresses": full}.get(decision.rivals, [])
+    rivals = {"family": family.open, "on_full_stresses": full}.get(decision.rivals, [])
     if decision.verdict == "unknown" and law is not None:
         changed: Collection[str] = [law.channel]
     else:

@@ -71,6 +71,11 @@ class Family:
         return tuple(one.id for one, _ in self.members)
 
     @property
+    def open(self) -> list[Fitted]:
+        """What a further drive has to tell apart: they, and a sensor that predicts as well as a name."""
+        return [*self.members, *([(self.rival.hypothesis, self.rival.refit)] if self.rival else [])]
+
+    @property
     def name(self) -> str:
         """The best one where it is clear, else nothing."""
         return self.ids[0] if self.clear else ""
