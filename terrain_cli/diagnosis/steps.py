@@ -216,7 +216,7 @@ def family(case: Case, ranked: Ranked) -> Family:
     rival = outside_catalogue.sensor(ranked.drafts, *near[0]) if earned else None
     earned = earned and rival is None
     # A second effect shows as soon as the first is in the model.
-    silent = not earned or second_round(case, ranked.log, *near[0]) >= criteria.LEVEL
+    silent = not earned or quiet_with(case, ranked, *near[0])
     return Family(
         members=[near[place] for place in judged.family],
         earned=earned and silent,
@@ -372,8 +372,9 @@ def _errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[str, float
     return refits.held_out_errors(wheels, log.block, levels)
 
 
-def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -> float:
-    """Return how often chance gives what other effects score once one is in the model."""
+def quiet_with(case: Case, ranked: Ranked, one: Hypothesis, refit: Refit) -> bool:
+    """Tell whether nothing more shows once an effect is in the model: no other one, nor another size."""
+    log = ranked.log
     wheels = refits.on_wheels(log.data, one, refit)
     others = [
         other
@@ -382,4 +383,9 @@ def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -
     ]
     found = screening.screen(wheels, log.block, others, case.seed)
     first = max(found.p_values, key=lambda name: found.explained[name], default="")
-    return alarm.of_scores(found, first) if first else 1.0
+    if first and alarm.of_scores(found, first) < criteria.LEVEL:
+        return False
+    # More samples are scored than are fitted.
+    more = sum(len(part.rows) for part in found.columns) / sum(map(len, log.data.rows))
+    least = criteria.SMALL_REST * ranked.taken * more
+    return alarm.of_sizes(found, wheels, one, least, case.seed) >= criteria.LEVEL
