@@ -179,15 +179,8 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
     tables, shrunk, most = [], 1.0, 0.0
     for index, solution in enumerate(one.solutions):
         part, wheel, rows = data.data[index], data.wheels[index], data.rows[index]
-        columns = []
-        for name, values in drafted_laws.drivers(wheel).items():
-            # Measured sinkage has its own noise in common with what is left of it.
-            column = part.inputs.get(name, one.predicted[index].get(name, values[rows]))
-            known = column[np.isfinite(column)]
-            if name == drafted_laws.ANGLE or len(known) == 0 or float(np.std(known)) == 0.0:
-                continue
-            unit = np.nan_to_num((column - float(np.mean(known))) / float(np.std(known)))
-            columns += [unit, unit**2]
+        # Measured sinkage has its own noise in common with what is left of it.
+        columns = drafted_laws.followed(wheel, {**one.predicted[index], **part.inputs}, rows)
         if not columns:
             continue
         shapes = np.stack([np.ones(len(part.use)), *columns], axis=1)
@@ -209,6 +202,44 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
         return 1.0, 0.0
     found_p = max_test(np.concatenate(tables, axis=1), shrunk=shrunk, seed=seed).p_values
     return float(found_p.min(initial=1.0)), most
+
+
+def of_sizes(
+    found: Screened, wheels: Sequence[FittedWheel], one: Hypothesis, least: float, seed: int
+) -> float:
+    """Return how often chance lets the size of an effect in the model follow a driver as it does.
+
+    The right effect has one size; that of one that imitates it changes with what the right one follows.
+    `found` has the scores of other effects on the `wheels`, which have this one. The answer is 1 where no
+    driver takes off `least` of the squares.
+    """
+    tables: list[signatures.Scores] = []
+    for part, wheel in zip(found.columns, wheels, strict=True):
+        known, count = part.evidence, len(part.short.blocks)
+        units = drafted_laws.followed(wheel, known.channels, part.rows)
+        fitted = enumerate((*wheel.soil, *wheel.common))
+        places = [j for j, name in fitted if name in one.parameters and not one.parameters[name].shape]
+        if not units or not places or not wheel.ordered:
+            continue
+        slopes = known.soil[:, :, places, None] * np.stack(units, axis=1)[:, None, None, :]
+        columns = slopes.reshape(*slopes.shape[:2], -1)
+        whole, shown = signatures.scores(
+            known.residual, known.soil, columns, part.window, np.zeros_like(part.window), 1
+        )
+        stands = np.flatnonzero(whole.surviving > criteria.REST_SURVIVES)
+        gains = whole.total**2 / np.maximum(np.diag(whole.cross), 1e-300)
+        if gains[stands].max(initial=0.0) < least:
+            continue
+        # Sizes that vary leave what lasts no longer than noise, or blocks have to be longer.
+        left = known._replace(residual=known.residual - shown[:, :, stands] @ whole.fit(stands)[0])
+        columns = columns[:, :, stands]
+        rest, _ = signatures.of_short_blocks(wheel, part.rows, left, columns, part.short_block, count)
+        several = signatures.of_short_blocks(wheel, part.rows, known, columns, part.short_block, count)
+        longer = signatures.in_longer_blocks(several[0], rest.blocks)
+        tables += [longer] if longer else several
+    every = [np.ones(table.blocks.shape[1], dtype=bool) for table in tables]
+    tests = signatures.test(tables, every, seed=seed) if tables else []
+    return min((float(p_values.min(initial=1.0)) for _, p_values in tests), default=1.0)
 
 
 def missing_effects(file: ModelFile, effects: Sequence[Effect] | None = None) -> list[Effect]:

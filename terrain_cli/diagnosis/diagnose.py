@@ -65,7 +65,8 @@ def diagnose(
         pair_is_best=two.is_best,
         on_full_stresses=tuple(one.id for one, _ in full),
     )
-    rivals = {"family": family.members, "on_full_stresses": full}.get(decision.rivals, [])
+    anew = ranked.anew if ranked.several and ranked.several[0] is ranked.lowest else ()
+    rivals = {"family": family.open, "on_full_stresses": full}.get(decision.rivals, [])
     if decision.verdict == "unknown" and law is not None:
         changed: Collection[str] = [law.channel]
     else:
@@ -78,7 +79,7 @@ def diagnose(
         verdict=decision.verdict,
         effect=decision.effect,
         family=decision.family,
-        candidates=steps.candidates(ranked.log, ranked.base, ranked.several, decision.family),
+        candidates=steps.candidates(ranked.log, ranked.base, ranked.several, decision.family, anew),
         unknown=law if decision.tells_law else None,
         next_drive=steps.next_drives(case, ranked, rivals),
         together=decision.together,

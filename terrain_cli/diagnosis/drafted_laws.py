@@ -100,6 +100,22 @@ def drivers(wheel: FittedWheel) -> dict[str, Array]:
     return found
 
 
+def followed(wheel: FittedWheel, channels: Mapping[str, Array], rows: Index) -> list[Array]:
+    """Return drivers of some samples, and their squares, of mean 0 and deviation 1 before they are squared.
+
+    `channels` have some of them without their noise.
+    """
+    columns = []
+    for name, values in drivers(wheel).items():
+        column = channels.get(name, values[rows])
+        known = column[np.isfinite(column)]
+        if name == ANGLE or len(known) == 0 or float(np.std(known)) == 0.0:
+            continue
+        unit = np.nan_to_num((column - float(np.mean(known))) / float(np.std(known)))
+        columns += [unit, unit**2]
+    return columns
+
+
 def screen(
     wheel: FittedWheel,
     values: Mapping[str, Array],

@@ -23,6 +23,7 @@ _SINKS = 2.0 / 3.0
 _SPURT = 5.0  # s in which a wheel goes from half of its speed to twice of it, or back
 #: Shares of the load that are left on a lifted wheel, and that a heavy one carries.
 _LIFTED, _HEAVY = 0.1, 2.0
+_BRAKED = -0.2  # Slip of a wheel that brakes
 #: Share of the usual speed below which a wheel that stops and turns round is left out: laws of speed are
 #: not meant for it.
 _MOVING = 0.2
@@ -142,6 +143,9 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
     speeds = ", ".join(f"{at.speed * share:.2g}" for share in (0.4, 1.0)) + f" and {at.speed * 2.5:.2g} m/s"
     spurts = [0.5, 2.0] * max(2, round(seconds / (2.0 * _SPURT)))
     sweep = [0.05, 0.6, 0.05, 0.6, 0.05]
+    # Where nothing slips an error of slip shows as it is, and no soil does.
+    through = [_BRAKED, 0.6] * 3 + [_BRAKED]
+    braked = f"sweep the slip from {_BRAKED} (the wheel brakes) to 0.6 and back"
     quick = [max(at.slip - 0.15, 0.05), min(at.slip + 0.25, 0.7)] * max(2, round(seconds / 6.0))
 
     def made(text: str, *varies: str, **part: Any) -> Manoeuvre:
@@ -219,6 +223,14 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             "slip",
             load={"steps": [1.0, 0.6, 1.4]},
             slip=[0.05, 0.6] * 3 + [0.05],
+        ),
+        made(f"{braked}, with {loaded}", "slip", slip=through),
+        made(
+            f"{braked} with {loads} on the wheel in turn",
+            "load",
+            "slip",
+            load={"steps": [1.0, 0.6, 1.4]},
+            slip=through,
         ),
         made(
             f"sweep the slip from 0.05 to 0.6 and back at {speeds}, at each with {loads} in turn",

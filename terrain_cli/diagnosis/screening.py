@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from terrain_cli import effects as catalogues
-from terrain_cli.comparison.blocks import joined, long_enough
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -298,8 +297,7 @@ class _Columns:
         own, count = self.without_memory, int(self.short_block.max(initial=-1)) + 1
         shown, rest = own(self.left[:, :, self.testable]), own(left)
         found = products(shown, rest[..., None], self.short_block, count)[..., 0]
-        label = long_enough(found, independent=criteria.UNRELATED_SHORT_SCORES)
-        return None if label is None else replace(self.short, blocks=joined(self.short.blocks, label))
+        return signatures.in_longer_blocks(self.short, found)
 
     def shapes(self, effect: str) -> list[Index]:
         """Return the columns of an effect that can be tested, of each shape that has any."""

@@ -8,18 +8,19 @@ imitates can show; the score of a block is the sum of ĝ e over it (Rao 1948, wi
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria, whitening
-from terrain_cli.comparison.blocks import DRAWS, max_test
+from terrain_cli.comparison.blocks import DRAWS, joined, long_enough, max_test
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.smoothed_channels import inputs_known
 from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.effects import Effect
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
@@ -259,6 +260,12 @@ def of_short_blocks(
     size = found.total / np.maximum(power.sum(axis=0), 1e-300)
     even = rest / (1.0 + size**2 * power)[block][:, None, :]
     return found, scores(residual, soil, even, window, block, blocks)[0]
+
+
+def in_longer_blocks(found: Scores, left: Array) -> Scores | None:
+    """Join short blocks if the scores `left` of these, in what an effect leaves, are related; else None."""
+    label = long_enough(left, independent=criteria.UNRELATED_SHORT_SCORES)
+    return None if label is None else replace(found, blocks=joined(found.blocks, label))
 
 
 def test(

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -49,6 +49,16 @@ class Ranked:
         """The best effect, or the model as it is where none was fitted."""
         return self.several[0][1] if self.several else self.base
 
+    @cached_property
+    def lowest(self) -> Fitted | None:
+        """Whichever predicts best: the order has reasons besides."""
+        return min(self.several, key=lambda pair: float(pair[1].loss.sum()), default=None)
+
+    @cached_property
+    def anew(self) -> list[FittedWheel]:
+        """The wheels with that one, as `compare` fits a model."""
+        return [refits.fitted_anew(wheel, self.lowest[0]) for wheel in self.data.wheels if self.lowest]
+
     @property
     def taken(self) -> float:
         """What the best effect takes off the held-out loss."""
@@ -69,6 +79,11 @@ class Family:
     def ids(self) -> tuple[str, ...]:
         """Their ids."""
         return tuple(one.id for one, _ in self.members)
+
+    @property
+    def open(self) -> list[Fitted]:
+        """What a further drive has to tell apart: they, and a sensor that predicts as well as a name."""
+        return [*self.members, *([(self.rival.hypothesis, self.rival.refit)] if self.rival else [])]
 
     @property
     def name(self) -> str:
@@ -150,8 +165,7 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
 
 def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     """Hold the alarm against the gain of the best explanation on held-out blocks, and against its size."""
-    # Of whichever predicts best: the order of the ranking has reasons besides.
-    best = min(ranked.several, key=lambda pair: float(pair[1].loss.sum()), default=None)
+    best = ranked.lowest
     least = best[1] if best else ranked.base
     laws = [one for one in ranked.drafts[:1] if float((one.refit.loss - least.loss).sum()) < 0.0]
     gain = ranked.base.loss - (laws[0].refit if laws else least).loss
@@ -161,9 +175,7 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     if best and best[0].effects and told is None and p_value < criteria.LEVEL:
         # A loss of smoothed channels may fall where no error does; or not, as with a lag, where errors do.
         # Without an assumption of the base other channels are predicted, and fitted, too.
-        wheels = ranked.data.wheels
-        fitted = [refits.fitted_anew(wheel, best[0]) for wheel in wheels]
-        shares = alarm.printed_shares(wheels, fitted, ranked.log.block) or shares
+        shares = alarm.printed_shares(ranked.data.wheels, ranked.anew, ranked.log.block) or shares
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)
     return Alarm(
@@ -211,7 +223,7 @@ def family(case: Case, ranked: Ranked) -> Family:
     rival = outside_catalogue.sensor(ranked.drafts, *near[0]) if earned else None
     earned = earned and rival is None
     # A second effect shows as soon as the first is in the model.
-    silent = not earned or second_round(case, ranked.log, *near[0]) >= criteria.LEVEL
+    silent = not earned or quiet_with(case, ranked, *near[0])
     return Family(
         members=[near[place] for place in judged.family],
         earned=earned and silent,
@@ -301,12 +313,16 @@ def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
 
 
 def candidates(
-    log: DiagnosedLog, base: Refit, ranked: Sequence[Fitted], family: Sequence[str]
+    log: DiagnosedLog,
+    base: Refit,
+    ranked: Sequence[Fitted],
+    family: Sequence[str],
+    anew: Sequence[FittedWheel] = (),
 ) -> list[Candidate]:
     """List every candidate that can be tested.
 
     The best comes first, then the rest of the family, the others, and those that were not fitted; each of
-    these by what they explain.
+    these by what they explain. `anew` are the wheels with the best one as `compare` fits it, where known.
     """
     data, found = log.data, log.found
     count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
@@ -320,12 +336,10 @@ def candidates(
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
         change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
-        wheels: list[FittedWheel] = []
-        if one.id == first and refit is not None:
-            # As `compare` and `model add` fit it; of the others, in less time, with what the refit found.
-            wheels = [refits.fitted_anew(wheel, one) for wheel in data.wheels]
-        elif refit is not None:
-            wheels = refits.on_wheels(data, one, refit)
+        wheels = refits.on_wheels(data, one, refit) if refit is not None else []
+        if one.id == first and wheels:
+            # As `compare` and `model add` fit it; the others, in less time, with what the refit found.
+            wheels = list(anew) or [refits.fitted_anew(wheel, one) for wheel in data.wheels]
         return Candidate(
             effect=one.id,
             title=one.title,
@@ -367,14 +381,19 @@ def _errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[str, float
     return refits.held_out_errors(wheels, log.block, levels)
 
 
-def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -> float:
-    """Return how often chance gives what other effects score once one is in the model."""
-    wheels = refits.on_wheels(log.data, one, refit)
+def quiet_with(case: Case, ranked: Ranked, one: Hypothesis, refit: Refit) -> bool:
+    """Tell whether nothing more shows once an effect is in the model: no other one, nor another size."""
+    wheels = refits.on_wheels(ranked.data, one, refit)
     others = [
         other
-        for other in log.hypotheses
+        for other in ranked.log.hypotheses
         if other.id != one.id and other.effects and not catalogues.conflict(wheels[0].model, other.effects[0])
     ]
-    found = screening.screen(wheels, log.block, others, case.seed)
+    found = screening.screen(wheels, ranked.log.block, others, case.seed)
     first = max(found.p_values, key=lambda name: found.explained[name], default="")
-    return alarm.of_scores(found, first) if first else 1.0
+    if first and alarm.of_scores(found, first) < criteria.LEVEL:
+        return False
+    # More samples are scored than are fitted.
+    more = sum(len(part.rows) for part in found.columns) / sum(map(len, ranked.data.rows))
+    least = criteria.SMALL_REST * ranked.taken * more
+    return alarm.of_sizes(found, wheels, one, least, case.seed) >= criteria.LEVEL

@@ -27,6 +27,13 @@ def test_told_apart_where_the_speed_varies(hidden, name):
     assert (diagnosis.verdict, diagnosis.effect) == ("effect", name)
 
 
+def test_a_lag_whose_size_follows_the_speed_is_none():
+    """What stands in for a distance that no effect of the catalogue has is longer where the wheel is slow."""
+    windows = windows_of(SEED, Kind(ROLLS_ON, seconds=96.0))
+    diagnosis = diagnose(windows, ModelFile(), effects=AMONG[::2])
+    assert (diagnosis.verdict, diagnosis.family) == ("family", ("sensor-lag",))
+
+
 def test_at_one_speed_a_family_and_the_drive_at_several():
     diagnosis = found(LAG, "poor-speed")
     assert diagnosis.verdict == "family"

@@ -114,6 +114,7 @@ CASES = {
     "warm": (sized("motor-temperature"), ("motor-temperature", "coulomb"), {}),
     "load": (sized("bulldozing"), ("bulldozing", "drawbar-bias"), {}),
     "slope": (sized("slope"), ("slope", "drawbar-bias"), {"pitch": 0.08}),
+    "radius": (sized("wheel-radius"), ("wheel-radius", "post-peak-softening"), {}),
     "same": (FRICTION, ("coulomb", "coulomb-again"), {}),
     "three": (FRICTION, ("coulomb", "viscous", "torque-bias", "motor-temperature"), {}),
     "lasting": (sized("motor-temperature"), ("motor-temperature", "coulomb"), {"noise": "ar1"}),
@@ -150,6 +151,7 @@ def reach(part, name):
         ("warm", "motor_temperature", 30.0, 70.0),
         ("load", "load", 0.6, 1.4),
         ("slope", "pitch_deg", -10.0, 10.0),
+        ("radius", "slip", -0.1, 0.6),
     ],
 )
 def test_the_drive_is_the_one_known_to_settle_it(name, channel, low, high):

@@ -141,3 +141,22 @@ def test_a_slip_that_is_off_gives_no_name_to_something_else():
     assert found.effect is None
     assert (found.unknown.channel, found.unknown.driver, found.unknown.form) == ("slip", "", "constant")
     assert "slip is off by a constant, " in found.sentence
+
+
+def test_a_load_cell_that_is_off_by_more_than_any_gets_no_name():
+    """Without bulldozing in the catalogue, a gain of 0.78 and an offset of -22 N explain it all."""
+    others = [effects.find(name) for name in ("load-bias", "drawbar-bias", "sinkage-bias")]
+    found = diagnose(
+        windows_of(42000030, Kind(sized("bulldozing"), seconds=64.0)), ModelFile(), effects=others
+    )
+    assert (found.verdict, found.effect) == ("family", None)
+    assert {one.effect: one.doubt for one in found.candidates}["load-bias"] == "at its bound"
+
+
+def test_what_keeps_an_effect_from_being_the_one_name_is_settled_by_a_drive_too():
+    kind = Kind(sized("wheel-radius"), course="poor", seconds=64.0)
+    found = diagnose(windows_of(42000031, kind), ModelFile(), effects=[effects.find("wheel-radius")])
+    assert (found.effect, found.family) == (None, ("wheel-radius",))
+    (drive,) = found.next_drive
+    assert drive.pair == ("wheel-radius", "slip-offset-constant")
+    assert min(drive.settings["slip"]) < 0.0 < max(drive.settings["slip"])

@@ -97,12 +97,17 @@ def test_an_effect_is_named_at_three_loads_repeated_or_not(asked, effect, repeat
         assert abs(estimated["value"] - size) < max(3.0 * estimated["se"], 0.05)
 
 
-def test_grousers_whose_slip_is_that_of_their_tips_are_not_told_from_a_gear(asked, monkeypatch):
+def test_grousers_whose_slip_is_that_of_their_tips_are_told_from_a_gear_by_a_wheel_that_brakes(
+    asked, monkeypatch
+):
+    """What a gear takes of the torque it gives back there; a shear surface further out does not."""
     plain = table
 
     def of_tips(*args, **kwargs):
         found = plain(*args, **kwargs)
-        found["slip"] = 1.0 - (1.0 - found["slip"]) * WHEEL.radius / (WHEEL.radius + WHEEL.grouser_height)
+        rolled = np.where(found["slip"] >= 0.0, 1.0 - found["slip"], 1.0 / (1.0 + found["slip"]))
+        rolled = rolled * WHEEL.radius / (WHEEL.radius + WHEEL.grouser_height)
+        found["slip"] = np.where(rolled <= 1.0, 1.0 - rolled, 1.0 / rolled - 1.0)
         return found
 
     monkeypatch.setitem(FULL, "grousers", {"lambda_s": 1.0})
@@ -111,7 +116,9 @@ def test_grousers_whose_slip_is_that_of_their_tips_are_not_told_from_a_gear(aske
     assert (found["verdict"], found["effect"]) == ("family", None)
     assert {"grousers", "gear-efficiency"} <= set(found["family"])
     (drive,) = [one for one in found["next_drive"] if set(one["pair"]) == {"grousers", "gear-efficiency"}]
-    assert drive["power"] < 0.75, found
+    assert min(drive["settings"]["slip"]) < 0.0 < max(drive["settings"]["slip"])
+    monkeypatch.setitem(globals(), "SLIPS", (-0.2, -0.1, *SLIPS))
+    assert asked("diagnose", "grousers", (40.0, 60.0, 80.0), 2)["effect"] == "grousers"
 
 
 @pytest.mark.parametrize("loads", [(60.0,), (40.0, 60.0, 80.0)], ids=["one load", "three loads"])
