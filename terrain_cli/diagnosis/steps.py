@@ -24,7 +24,15 @@ from terrain_cli.diagnosis import (
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Hypothesis, NextDrive, UnknownEffect
+from terrain_cli.diagnosis.diagnosis_outcome import (
+    Alarm,
+    Candidate,
+    Hypothesis,
+    NextDrive,
+    UnknownEffect,
+    noise_with,
+    share_taken,
+)
 from terrain_cli.diagnosis.refits import Ground, Refit
 
 Fitted = tuple[Hypothesis, Refit]
@@ -225,8 +233,13 @@ def outside_the_catalogue(ranked: Ranked, found: Family, two: Two) -> tuple[Unkn
     """Return a drafted law that explains what no effect does, and whether it stands alone."""
     same = outside_catalogue.same_drivers(ranked.data, ranked.drafts[0].draft.driver) if ranked.drafts else ()
     pair = two.fitted[0][1] if two.fitted else None
+
+    def share(one: outside_catalogue.Tried) -> float:
+        wheels = [refits.fitted_anew(wheel, one.hypothesis) for wheel in ranked.data.wheels]
+        return share_taken(ranked.log.comparison, as_it_is(ranked.log), _errors(ranked.log, wheels))
+
     return outside_catalogue.verdict(
-        ranked.base, ranked.best, ranked.drafts, found.ids, same, pair, found.rival
+        share, ranked.base, ranked.best, ranked.drafts, found.ids, same, pair, found.rival
     )
 
 
@@ -306,7 +319,7 @@ def candidates(
     """List every candidate that can be tested.
 
     The best comes first, then the rest of the family, the others, and those that were not fitted; each of
-    these by what they explain.
+    these by their loss. What they explain is of the errors that are told, where these are more than noise.
     """
     data, found = log.data, log.found
     count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
@@ -348,9 +361,15 @@ def candidates(
     every = [one for one, _ in ranked]
     every += [one for one in log.hypotheses if one.id in found.p_values and one.id not in fitted]
     listed = [candidate(one, fitted.get(one.id)) for one in every]
-    return sorted(
-        listed, key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss)
-    )
+    listed.sort(key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss))
+    before, own = as_it_is(log) if ranked else {}, log.comparison
+    noise = noise_with(own, listed[0].noise if listed else {}, before)
+    # The loss is weighed by the noise that the best leaves, of which a misfit may be a part.
+    shares = [share_taken(own, before, one.heldout, noise) for one in listed]
+    return [
+        one if np.isnan(share) else replace(one, explained=share)
+        for one, share in zip(listed, shares, strict=True)
+    ]
 
 
 def as_it_is(log: DiagnosedLog) -> dict[str, float]:

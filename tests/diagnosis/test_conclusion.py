@@ -320,6 +320,14 @@ def evidence(ratios, **known):
             id="scores silent, one was tried",
         ),
         pytest.param(
+            evidence(FINE, tracked=True, verdict="none"),
+            "unexplained",
+            f"The model fits as well as these data can tell: {SMALLEST}. What is left may be systematic, but "
+            "no effect explains it.",
+            "",
+            id="a finding that no effect explains, within the noise",
+        ),
+        pytest.param(
             evidence(OFF, blocks=6),
             "unexplained",
             UNFIT + "a first check of the effects finds no cause.",

@@ -115,6 +115,23 @@ def test_a_step_is_drafted_where_it_is():
     assert tomllib.loads(found.unknown.draft)["parameters"]["at"]["null"] == pytest.approx(33.0, abs=0.3)
 
 
+def test_a_swing_is_drafted_as_often_in_a_turn_as_it_returns():
+    """Teeth of a gear, or grousers of which rover.toml says nothing."""
+    (windows,) = windows_of(83, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    bare = replace(samples, geometry=samples.geometry._replace(grouser_count=0))
+    angle = drafted_laws.drivers(FittedWheel(replace(windows, samples=bare), Model(), NOTHING))["wheel_angle"]
+    torque = samples.channels["torque"].copy()
+    torque[windows.rows] += 0.3 * np.nanstd(torque) * np.sin(4.0 * angle + 0.5)
+    swings = replace(bare, channels={**samples.channels, "torque": torque})
+    found = diagnose([replace(windows, samples=swings)], ModelFile())
+    assert (found.verdict, found.unknown.driver, found.unknown.form) == ("unknown", "wheel_angle", "periodic")
+    assert "torque varies with wheel angle (4 times in a turn of the wheel), which" in found.sentence
+    assert found.unknown.explained > 0.9
+    law = tomllib.loads(found.unknown.draft)["law"]
+    assert law == "torque + a * sin(4 * wheel_angle) + b * cos(4 * wheel_angle)"
+
+
 @pytest.mark.parametrize(("driver", "drafted"), [("supply", True), ("velocity", False), ("slip", False)])
 def test_no_gain_follows_what_the_wheel_does(driver, drafted):
     column = np.linspace(0.1, 0.9, 50)
