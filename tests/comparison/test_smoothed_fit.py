@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from known_misfits import Kind, samples_of
@@ -84,3 +86,16 @@ def test_what_windows_share_has_one_value_and_one_error(wheel, solution):
         own = np.sqrt(fit.covariance[:, column, column])
         np.testing.assert_allclose(own, np.sqrt(fit.shared_covariance[place, place]))
         assert fit.shared_errors[unknown.name] == pytest.approx(own[0])
+
+
+def test_what_the_data_leave_open_is_of_the_fit_that_took_the_place(wheel, solution):
+    """A fit that went astray may leave open what this one tells to a few percent."""
+    data, found = solution
+    every = (*found.unknowns.local, *found.unknowns.shared)
+    astray = replace(wheel.fit, undetermined={u.name: np.ones(len(wheel.fit.n), dtype=bool) for u in every})
+    fit = smoothed_fit.as_fit(data, found, astray)
+    known = {"cohesion": 0.1, "tan_phi": 0.1}
+    for name, most in known.items():
+        (unknown,) = (u for u in every if u.name == name)
+        assert np.all(fit.errors[name] < most * unknown.sd)
+        assert not fit.undetermined[name].any()
