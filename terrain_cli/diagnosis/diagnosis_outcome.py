@@ -241,11 +241,14 @@ def share_taken(
     `before` are the errors of the model as it is, where they are not those of the comparison. NaN where no
     error is more than noise, or the noise is not known.
     """
-    if not after or not above_noise(over_noise(comparison, before, noise)):
+    first, last = (over_noise(comparison, errors, noise) for errors in (before, after))
+    above = above_noise(first)
+    if not after or not above:
         return math.nan
-    ratios = (over_noise(comparison, errors, noise) for errors in (before, after))
-    first, last = (sum(max(ratio**2 - 1.0, 0.0) for ratio in each.values()) for each in ratios)
-    return max(1.0 - last / first, 0.0)
+    # What fits before and after differs by chance alone.
+    compared = above.keys() | above_noise(last).keys()
+    beyond = [sum(max(each[name] ** 2 - 1.0, 0.0) for name in compared) for each in (first, last)]
+    return max(1.0 - beyond[1] / beyond[0], 0.0)
 
 
 def leaves_much(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[str, float]) -> bool:

@@ -19,6 +19,8 @@ def logged(found, hypotheses):
     [
         ({}, {"torque": 2.0, "sinkage": 0.9}, 1.0 - 3.0 / 8.0),
         ({}, {"torque": 1.0, "sinkage": 3.0}, 0.0),
+        # Nor does noise that differs between models take anything from it.
+        ({}, {"torque": 1.0, "sinkage": 1.1}, 1.0),
         ({"torque": 4.0}, {"torque": 2.0, "sinkage": 1.0}, 1.0 - 3.0 / 15.0),
         # Where no error is more than noise, there is no share of one.
         ({"torque": 1.0}, {"torque": 0.9, "sinkage": 0.9}, np.nan),
