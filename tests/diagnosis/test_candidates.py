@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from terrain_cli.comparison import smoothed_fit
 from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits, steps
 from terrain_cli.diagnosis.diagnosis_outcome import share_taken
 
@@ -90,3 +91,26 @@ def test_the_best_explains_all_of_a_misfit_that_passed_for_noise():
     log = logged(found, [one])
     (listed,) = steps.candidates(log, base, [(one, SimpleNamespace(loss=np.full(10, 0.7)))], ("lag",))
     assert listed.explained == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("cohesion", "without", "blocks", "told"),
+    [
+        (-500.0, 300.0, 8, "with a physically impossible soil"),
+        (-20.0, 300.0, 8, ""),  # within its error
+        (-500.0, -400.0, 8, ""),  # another effect is missing in any case
+        (-500.0, 300.0, 4, ""),  # too few data
+    ],
+)
+def test_an_effect_that_makes_the_soil_impossible_is_not_credible(
+    cohesion, without, blocks, told, monkeypatch
+):
+    """A gain of the load cell in the place of a wall of soil: it predicted better, at -2.3 kPa."""
+    part = SimpleNamespace(window=np.zeros(80, dtype=int), windows=1)
+    data = SimpleNamespace(data=[part], base=[without], block=[np.arange(80) * blocks // 80], wheels=[])
+    monkeypatch.setattr(smoothed_fit, "parameters", lambda found: {"cohesion": np.array([found])})
+    monkeypatch.setattr(smoothed_fit, "covariance", lambda *_: (np.full((1, 1, 1), 50.0**2), None))
+    effect = SimpleNamespace(effects=(), parameters={})
+    one = SimpleNamespace(solutions=[cohesion], at_bound=lambda _: False)
+    monkeypatch.setattr(refit_ranking, "left_open", lambda *_: False)
+    assert refit_ranking.doubt(data, effect, one) == told
