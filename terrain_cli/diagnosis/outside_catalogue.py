@@ -91,6 +91,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
     tried = processes.each(
         partial(_tried, data), written, lambda one: progress(f"fitting the draft {one[0].effect.id}")
     )
+    tried = [one for one in tried if not refit_ranking.makes_soil_impossible(data, one.refit)]
     tried.sort(key=lambda one: float(one.refit.loss.sum()))
     return _plainest(tried, base)
 

@@ -67,6 +67,14 @@ def left_open(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     return bool(told) and not any(told)
 
 
+def makes_soil_impossible(data: Ground, one: Refit) -> bool:
+    """Tell whether the soil is possible only without what was added.
+
+    One that is impossible without it too may lack another effect besides.
+    """
+    return _impossible_soil(data, one.solutions) and not _impossible_soil(data, data.base)
+
+
 def _impossible_soil(data: Ground, solutions: Sequence[Solution]) -> bool:
     """Tell whether a cohesion or friction angle is clearly below nought, on data that suffice."""
     for part, solution, block in zip(data.data, solutions, data.block, strict=True):
@@ -88,8 +96,7 @@ def doubt(data: Ground, hypothesis: Hypothesis, one: Refit) -> str:
         return "physically impossible"
     if one.at_bound(hypothesis):
         return "at its bound"
-    # A soil that is impossible without it too may lack another effect besides.
-    if _impossible_soil(data, one.solutions) and not _impossible_soil(data, data.base):
+    if makes_soil_impossible(data, one):
         return "with a physically impossible soil"
     return "left open by the data" if left_open(data, hypothesis, one) else ""
 

@@ -9,7 +9,7 @@ from changed_models import ROVER, write_log
 from hidden_drives import Kind, windows_of
 
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import diagnose, drafted_laws
+from terrain_cli.diagnosis import diagnose, drafted_laws, refit_ranking
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
@@ -130,6 +130,22 @@ def test_a_swing_is_drafted_as_often_in_a_turn_as_it_returns():
     assert found.unknown.explained > 0.9
     law = tomllib.loads(found.unknown.draft)["law"]
     assert law == "torque + a * sin(4 * wheel_angle) + b * cos(4 * wheel_angle)"
+
+
+def test_a_law_that_makes_the_soil_impossible_is_not_drafted(monkeypatch):
+    """A slip that is off by six tenths, in the place of a bent law, at a cohesion of -0.6 kPa."""
+    (windows,) = windows_of(82, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    heat = 30.0 + 6.0 * np.sin(2.0 * np.pi * samples.time / 13.0)
+    pull = samples.channels["drawbar_pull"] - np.where(heat > 33.0, 6.0, 0.0)
+    channels = {**samples.channels, "board": heat, "drawbar_pull": pull}
+    judged = []
+    monkeypatch.setattr(
+        refit_ranking, "makes_soil_impossible", lambda _, one: "board" in one.id and not judged.append(one.id)
+    )
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert "drawbar-pull-with-board-step" in judged
+    assert found.unknown is None or found.unknown.driver != "board"
 
 
 @pytest.mark.parametrize(("driver", "drafted"), [("supply", True), ("velocity", False), ("slip", False)])
