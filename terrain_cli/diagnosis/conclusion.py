@@ -90,7 +90,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     ratios = over_noise(found.comparison, errors, noise)
     passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
     passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
-    leaves = first is not None and leaves_much(found, first.heldout, noise)
+    leaves = first is not None and leaves_much(found.comparison, found.heldout, first)
     settled = first is not None and first.settles and not leaves
     likely = [(one.explained, one.effect) for one in credible if one.explained > criteria.STEPS_SHARE]
     taken = [one.explained for one in found.candidates if one.effect in family]
@@ -259,7 +259,7 @@ def _unexplained(
     elif elsewhere and not few:
         why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
-        why = "no recorded channel tracks the misfit"
+        why = "no recorded channel tracks the misfit significantly"
         if found.tracked:
             why = "the residuals are systematic, but no effect explains them significantly"
         why = f"{too_few(found.blocks)} to show why" if few else why

@@ -9,7 +9,7 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog, scores, soils
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis, leaves_much
 from terrain_cli.diagnosis.refits import Refit
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.effects import Effect
@@ -65,6 +65,11 @@ def diagnose(
         pair_is_best=two.is_best,
         on_full_stresses=tuple(one.id for one, _ in full),
     )
+    listed = steps.candidates(ranked.log, ranked.base, ranked.several, decision.family)
+    heldout = steps.as_it_is(ranked.log)
+    if decision.verdict == "effect" and leaves_much(log.comparison, heldout, listed[0]):
+        # As much is left for another effect, which may be all there is.
+        decision = replace(decision, verdict="family")
     rivals = {"family": family.members, "on_full_stresses": full}.get(decision.rivals, [])
     if decision.verdict == "unknown" and law is not None:
         changed: Collection[str] = [law.channel]
@@ -78,12 +83,12 @@ def diagnose(
         verdict=decision.verdict,
         effect=decision.effect,
         family=decision.family,
-        candidates=steps.candidates(ranked.log, ranked.base, ranked.several, decision.family),
+        candidates=listed,
         unknown=law if decision.tells_law else None,
         next_drive=steps.next_drives(case, ranked, rivals),
         together=decision.together,
         together_or=two.rivals if decision.together == two.ids else (),
-        heldout=steps.as_it_is(ranked.log),
+        heldout=heldout,
     )
 
 

@@ -251,11 +251,15 @@ def share_taken(
     return max(1.0 - beyond[1] / beyond[0], 0.0)
 
 
-def leaves_much(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[str, float]) -> bool:
-    """Tell whether errors of another model are more than noise, by much of what those of this one are."""
-    before = over_noise(found.comparison, found.heldout, noise)
-    after = above_noise(over_noise(found.comparison, errors, noise))
-    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
+def leaves_much(comparison: Comparison, before: Mapping[str, float], first: Candidate) -> bool:
+    """Tell whether an effect leaves more than noise, by much of what the model as it is leaves.
+
+    `before` is as for `share_taken`. The noise is that with the effect, as once it is in the model.
+    """
+    noise = {name: first.noise.get(name, one.noise) for name, one in comparison.channels.items()}
+    missed, left = (over_noise(comparison, errors, noise) for errors in (before, first.heldout))
+    above = above_noise(left).items()
+    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (missed[name] - 1.0) for name, ratio in above)
 
 
 def above_noise(ratios: Mapping[str, float]) -> dict[str, float]:

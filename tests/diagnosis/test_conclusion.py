@@ -240,7 +240,7 @@ def evidence(ratios, **known):
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
             UNFIT
-            + "no recorded channel tracks the misfit. "
+            + "no recorded channel tracks the misfit significantly. "
             + AGAIN
             + " changes, the soil varies; if it returns, the model lacks something. Also record "
             + "a channel that effects need: pitch or slip angle.",
@@ -250,14 +250,15 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none", points=True),
             "unexplained",
-            UNFIT + "no recorded channel tracks the misfit. Repeat the test points on fresh soil: if",
+            UNFIT
+            + "no recorded channel tracks the misfit significantly. Repeat the test points on fresh soil: if",
             "",
             id="nothing follows of test points",
         ),
         pytest.param(
             evidence(OFF, verdict="none"),
             "unexplained",
-            UNFIT + "no recorded channel tracks the misfit. " + AGAIN,
+            UNFIT + "no recorded channel tracks the misfit significantly. " + AGAIN,
             "",
             id="all is recorded",
         ),
