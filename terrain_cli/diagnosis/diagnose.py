@@ -71,6 +71,9 @@ def diagnose(
         # As much is left for another effect, which may be all there is.
         decision = replace(decision, verdict="family")
     rivals = {"family": family.members, "on_full_stresses": full}.get(decision.rivals, [])
+    doubted = {one.effect for one in listed if one.doubt}
+    # No drive is worth while that only rules out what is not to be believed.
+    rivals = [pair for pair in rivals if pair[0].id not in doubted] or rivals
     if decision.verdict == "unknown" and law is not None:
         changed: Collection[str] = [law.channel]
     else:

@@ -45,7 +45,7 @@ _BEND = 0.3  # Part of a driver's range at which a saturating law has most of it
 _PLACES = 81  # Values of a driver at which a step is tried
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Draft:
     """A law that may be added."""
 
@@ -330,7 +330,7 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
         effect = replace(
             effect, parameters=tuple(replace(p, shape=p.name == "at" or p.shape) for p in effect.parameters)
         )
-    return Draft(changes, driver, form, text, effect, step)
+    return Draft(changes=changes, driver=driver, form=form, text=text, effect=effect, at=step)
 
 
 def _id(changes: str, driver: str, form: str) -> str:

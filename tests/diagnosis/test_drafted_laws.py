@@ -197,6 +197,6 @@ def test_a_square_is_about_zero_where_the_driver_comes_near_it(column, law):
     ],
 )
 def test_a_law_in_a_few_words(changes, driver, same, words):
-    draft = drafted_laws.Draft(changes, driver, "step", "", None)
+    draft = drafted_laws.Draft(changes=changes, driver=driver, form="step", text="", effect=None)
     assert draft.in_words(same) == words
     assert draft.along == (driver == "x")

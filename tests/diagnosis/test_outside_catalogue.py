@@ -28,7 +28,7 @@ def fitted(loss, torque):
 
 
 def drafted(changes, driver, form, loss, torque):
-    law = drafted_laws.Draft(changes, driver, form, "", None)
+    law = drafted_laws.Draft(changes=changes, driver=driver, form=form, text="", effect=None)
     return SimpleNamespace(draft=law, refit=fitted(loss, torque))
 
 
