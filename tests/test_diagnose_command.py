@@ -119,6 +119,16 @@ def test_missing_effect_is_named(found):
     assert first["in_family"]
     assert not any(one["in_family"] for one in others)
     assert first["explained"] > 0.9
+
+    def beyond(errors):
+        over = {name: errors[name] / one["noise"] for name, one in sinks["channels"].items()}
+        return sum(max(ratio**2 - 1.0, 0.0) for ratio in over.values())
+
+    before = beyond({name: one["heldout_rmse"] for name, one in sinks["channels"].items()})
+    for one in sinks["candidates"]:
+        if one["refitted"]:
+            share = max(1.0 - beyond(one["heldout_rmse"]) / before, 0.0)
+            assert one["explained"] == pytest.approx(share), one["effect"]
     n1 = first["parameters"]["n1"]
     assert (n1["value"], n1["unit"]) == (pytest.approx(0.4, abs=4.0 * n1["se"]), "1")
     before, after = sinks["channels"]["sinkage"]["heldout_rmse"], first["heldout_rmse"]["sinkage"]

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 #: Parameters of the soil that are never negative: what is shown of them, and how.
-_NEVER_NEGATIVE = {"cohesion": ("cohesion", " kPa", 1e-3), "tan_phi": ("tan φ", "", 1.0)}
+NEVER_NEGATIVE = {"cohesion": ("cohesion", " kPa", 1e-3), "tan_phi": ("tan φ", "", 1.0)}
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000
 
@@ -177,7 +177,7 @@ def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> I
         for wheel, block in zip(fitted, made, strict=True)
         for j in range(len(wheel.windows))
     ]
-    for name, (what, unit, factor) in _NEVER_NEGATIVE.items():
+    for name, (what, unit, factor) in NEVER_NEGATIVE.items():
         there = [
             (fit.values[name][j], fit.errors[name][j])
             for fit, j, long in soils

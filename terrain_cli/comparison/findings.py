@@ -73,7 +73,7 @@ class Residuals:
         known = inputs_known(channels)
         local, own = len(wheel.soil), len(wheel.common)
         slopes = {}
-        for name, table in wheel.slopes(channels, rows).items():
+        for name, table in wheel.free_slopes(channels, rows).items():
             # Each wheel was fitted on its own: its common parameters are its own too.
             common = np.zeros((len(rows), own * len(self.wheels)))
             common[:, index * own : (index + 1) * own] = table[:, local:]

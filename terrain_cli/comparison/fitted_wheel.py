@@ -23,6 +23,7 @@ from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
+from terrain_cli.estimation.wheel_fit.fit_result import at_end
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns, unknowns
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -244,6 +245,15 @@ class FittedWheel:
         """Return the parameters of some usable samples."""
         window = self.window[rows]
         return {name: column[window] for name, column in self.parameters.items()}
+
+    def free_slopes(self, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
+        """Return the slopes, 0 by what ran to a bound in the sample's window: it takes up no misfit there."""
+        t, common = self.beginning()
+        numbers = (*t.T, *np.broadcast_to(common[:, None], (len(common), len(t))))
+        every = (*self.sought.local, *self.sought.shared)
+        held = [at_end(unknown, number) for unknown, number in zip(every, numbers, strict=True)]
+        free = ~np.array(held, dtype=bool).reshape(len(every), len(t)).T[self.window[rows]]
+        return {name: table * free for name, table in self.slopes(channels, rows).items()}
 
     def slopes(self, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
         """Differentiate the predictions of some samples by all that was fitted: by channel, (n, names)."""

@@ -17,7 +17,9 @@ from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.wheel_fit import Fit, normal_equations
 from terrain_cli.estimation.wheel_fit.damped_search import damped
+from terrain_cli.estimation.wheel_fit.fit_result import LARGEST_OPEN, at_end
 from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, inside, newton
+from terrain_cli.estimation.wheel_fit.posterior import WIDE
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -59,15 +61,16 @@ class Solution:
         return smoothed_model.parameters(self.unknowns, self.t[window], self.common, window)
 
 
-def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
+def covariance(data: SmoothedData, solution: Solution, prior: float = 1.0) -> tuple[Array, Array]:
     """Return the covariance of each window's parameters, and of the common ones alone.
 
-    In their own units: of the window's own and the common ones, (w, q + m, q + m), and (m, m).
+    In their own units: of the window's own and the common ones, (w, q + m, q + m), and (m, m). The priors
+    have `prior` times their information.
     """
     w, q = solution.t.shape
     m = len(solution.common)
     information, _ = moments(solution.design, solution.residual, data.window, data.windows)
-    found, shared = normal_equations.arrow(information / solution.spread, q, np.eye(q + m))
+    found, shared = normal_equations.arrow(information / solution.spread, q, prior * np.eye(q + m))
     held = normal_equations.inverse(shared - found.taken())
     whole = normal_equations.covariance(found.own, found.gain, held)
     scale = np.abs(solution.unknowns.slopes(solution.t, solution.common))
@@ -90,6 +93,10 @@ def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
     names, empty = tuple(found), fit.n == 0
     outside = [u.name for u in solution.unknowns.shared]
     error = {name: np.sqrt(own[:, j, j]) for j, name in enumerate(names)}
+    wide = np.sqrt(np.einsum("waa->wa", covariance(data, solution, WIDE)[0]))
+    wide /= np.abs(solution.unknowns.slopes(solution.t, solution.common))
+    every = (*solution.unknowns.local, *solution.unknowns.shared)
+    sought = zip(every, (*solution.t.T, *solution.common), wide.T, strict=True)
     values = {name: np.where(empty, np.nan, found[name]) for name in names if name in fit.values}
     errors = {name: np.where(empty, np.nan, error[name]) for name in values}
     changed: dict[str, Any] = {}
@@ -112,6 +119,10 @@ def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
         names=names,
         covariance=own,
         shared_covariance=common,
+        undetermined={
+            **fit.undetermined,
+            **{u.name: (open_by > LARGEST_OPEN) | at_end(u, t) | empty for u, t, open_by in sought},
+        },
         **changed,
     )
 

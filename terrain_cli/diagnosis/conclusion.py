@@ -15,7 +15,6 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     leaves_much,
     noise_with,
     over_noise,
-    share_taken,
     too_few,
 )
 from terrain_cli.effects import NAMES
@@ -88,15 +87,14 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     fewer = found.soils < found.comparison.soil_count
     hidden = found.alarm.raised and fewer and not above_noise(over_noise(found.comparison))
     errors = found.heldout if hidden else {}
-    noise = noise_with(found, first, errors)
+    noise = noise_with(found.comparison, first.noise if first is not None else {}, errors)
     ratios = over_noise(found.comparison, errors, noise)
     passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
     passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
-    shares = [(min(one.explained, share_taken(found, one, noise)), one.effect) for one in credible]
-    leaves = first is not None and leaves_much(found, first.heldout, noise)
+    leaves = first is not None and leaves_much(found.comparison, found.heldout, first)
     settled = first is not None and first.settles and not leaves
-    likely = [one for one in shares if one[0] > criteria.STEPS_SHARE]
-    taken = [share_taken(found, one, noise) for one in found.candidates if one.effect in family]
+    likely = [(one.explained, one.effect) for one in credible if one.explained > criteria.STEPS_SHARE]
+    taken = [one.explained for one in found.candidates if one.effect in family]
     # Nor is a drive worth while that only tells what explains it from what does not.
     drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     return Evidence(
@@ -165,7 +163,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         return Conclusion("fits", told)
     if few or (not known and not found.raised):
         return _undecided(found, above, asked, few=few)
-    if above or found.raised:
+    if above or found.raised or found.tracked:
         return _unexplained(found, above, known, asked)
     return _fits(found, known, asked)
 
@@ -240,10 +238,11 @@ def _unexplained(
     command, elsewhere = "", _in_a_stretch(found, asked)
     # Who has diagnosed it, now or in the loop that ended, knows that nothing is left to try.
     diagnosed = found.verdict is not None or (found.ended and bool(found.refused))
-    if diagnosed and _refused(found) and known and not above:
+    if diagnosed and (_refused(found) or not found.raised) and known and not above:
+        why = _did_not_pay(found) if _refused(found) else "no effect explains it"
         told = (
             f"The model fits as well as these data can tell: {_at_most(known)}. What is left may be "
-            f"systematic, but {_did_not_pay(found)}."
+            f"systematic, but {why}."
         )
         return Conclusion("unexplained", told, record=found.unrecorded)
     if found.verdict is None and (found.refused or found.ended):
@@ -262,7 +261,7 @@ def _unexplained(
     elif elsewhere and not few:
         why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
-        why = "no recorded channel tracks the misfit"
+        why = "no recorded channel tracks the misfit significantly"
         if found.tracked:
             why = "the residuals are systematic, but no effect explains them significantly"
         why = f"{too_few(found.blocks)} to show why" if few else why
@@ -333,7 +332,6 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
             pairs = [" with ".join(pair) for pair in (found.together, *found.together_or)]
             cause = f"{listed(pairs, 'or')} explains it; these data cannot tell which"
         return cause, asked.added(found.together)
-    # In words: the table has shares of another loss, by which the effects are ranked.
     part = "most of it" if found.leaves or found.share < 1.0 - criteria.DRAFT_LEFT else "it"
     part = "a part of it" if found.share < criteria.STEPS_SHARE else part
     if found.verdict == "effect":

@@ -8,8 +8,9 @@ from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
+from terrain_cli.diagnosis.candidates import as_it_is, table_of
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog, scores, soils
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis, leaves_much
 from terrain_cli.diagnosis.refits import Refit
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.effects import Effect
@@ -66,7 +67,15 @@ def diagnose(
         on_full_stresses=tuple(one.id for one, _ in full),
     )
     anew = ranked.anew if ranked.several and ranked.several[0] is ranked.lowest else ()
+    listed = table_of(ranked.log, ranked.base, ranked.several, decision.family, anew)
+    heldout = as_it_is(ranked.log)
+    if decision.verdict == "effect" and leaves_much(log.comparison, heldout, listed[0]):
+        # As much is left for another effect, which may be all there is.
+        decision = replace(decision, verdict="family")
     rivals = {"family": family.open, "on_full_stresses": full}.get(decision.rivals, [])
+    doubted = {one.effect for one in listed if one.doubt}
+    # No drive is worth while that only rules out what is not to be believed.
+    rivals = [pair for pair in rivals if pair[0].id not in doubted] or rivals
     if decision.verdict == "unknown" and law is not None:
         changed: Collection[str] = [law.channel]
     else:
@@ -79,19 +88,19 @@ def diagnose(
         verdict=decision.verdict,
         effect=decision.effect,
         family=decision.family,
-        candidates=steps.candidates(ranked.log, ranked.base, ranked.several, decision.family, anew),
+        candidates=listed,
         unknown=law if decision.tells_law else None,
         next_drive=steps.next_drives(case, ranked, rivals),
         together=decision.together,
         together_or=two.rivals if decision.together == two.ids else (),
-        heldout=steps.as_it_is(ranked.log),
+        heldout=heldout,
     )
 
 
 def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnosis:
     """Say that nothing shows; of few data also what they speak for."""
     several = steps.refitted(case, log) if log.data.blocks < comparison_criteria.FEWEST_BLOCKS else []
-    candidates, heldout = steps.candidates(log, base, several, ()), steps.as_it_is(log) if several else {}
+    candidates, heldout = table_of(log, base, several, ()), as_it_is(log) if several else {}
     return _told(case, log, alarm, (), verdict="none", candidates=candidates, heldout=heldout)
 
 

@@ -201,14 +201,15 @@ class Diagnosis:
     soils: int = 0  # On which effects were looked for: those of `comparison`, or fewer
 
 
-def noise_with(found: Diagnosis, first: Candidate | None, errors: Mapping[str, float]) -> dict[str, float]:
-    """Return the noise by channel, where a misfit has passed for noise that with another model.
+def noise_with(
+    comparison: Comparison, better: Mapping[str, float], errors: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the noise by channel: `better`, that with another model, where a misfit has passed for noise.
 
     `errors` are those of the model as it is, where they are not those of the comparison.
     """
-    better = first.noise if first is not None else {}
     noise = {}
-    for name, one in found.comparison.channels.items():
+    for name, one in comparison.channels.items():
         fits = not errors.get(name, one.heldout_rmse) > comparison_criteria.ABOVE_NOISE * one.noise
         less = one.noise > comparison_criteria.ABOVE_NOISE * better.get(name, math.nan)
         noise[name] = better[name] if fits and less else one.noise
@@ -229,22 +230,36 @@ def over_noise(
     return ratios
 
 
-def share_taken(found: Diagnosis, one: Candidate, noise: Mapping[str, float]) -> float:
-    """Return the part of the held-out errors beyond the noise that an effect takes off.
+def share_taken(
+    comparison: Comparison,
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    noise: Mapping[str, float] | None = None,
+) -> float:
+    """Return the part of the held-out errors beyond the noise that a model takes off.
 
-    Of the misfit by which effects are ranked, where no error is more than noise, or the noise is not known.
+    `before` are the errors of the model as it is, where they are not those of the comparison. NaN where no
+    error is more than noise, or the noise is not known.
     """
-    ratios = (over_noise(found.comparison, errors, noise) for errors in (found.heldout, one.heldout))
-    before, after = (sum(max(ratio**2 - 1.0, 0.0) for ratio in each.values()) for each in ratios)
-    large = one.heldout and above_noise(over_noise(found.comparison, found.heldout, noise))
-    return max(1.0 - after / before, 0.0) if large else one.explained
+    first, last = (over_noise(comparison, errors, noise) for errors in (before, after))
+    above = above_noise(first)
+    if not after or not above:
+        return math.nan
+    # What fits before and after differs by chance alone.
+    compared = above.keys() | above_noise(last).keys()
+    beyond = [sum(max(each[name] ** 2 - 1.0, 0.0) for name in compared) for each in (first, last)]
+    return max(1.0 - beyond[1] / beyond[0], 0.0)
 
 
-def leaves_much(found: Diagnosis, errors: Mapping[str, float], noise: Mapping[str, float]) -> bool:
-    """Tell whether errors of another model are more than noise, by much of what those of this one are."""
-    before = over_noise(found.comparison, found.heldout, noise)
-    after = above_noise(over_noise(found.comparison, errors, noise))
-    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (before[name] - 1.0) for name, ratio in after.items())
+def leaves_much(comparison: Comparison, before: Mapping[str, float], first: Candidate) -> bool:
+    """Tell whether an effect leaves more than noise, by much of what the model as it is leaves.
+
+    `before` is as for `share_taken`. The noise is that with the effect, as once it is in the model.
+    """
+    noise = {name: first.noise.get(name, one.noise) for name, one in comparison.channels.items()}
+    missed, left = (over_noise(comparison, errors, noise) for errors in (before, first.heldout))
+    above = above_noise(left).items()
+    return any(ratio - 1.0 > criteria.DRAFT_LEFT * (missed[name] - 1.0) for name, ratio in above)
 
 
 def above_noise(ratios: Mapping[str, float]) -> dict[str, float]:

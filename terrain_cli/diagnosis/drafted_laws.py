@@ -45,7 +45,7 @@ _BEND = 0.3  # Part of a driver's range at which a saturating law has most of it
 _PLACES = 81  # Values of a driver at which a step is tried
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Draft:
     """A law that may be added."""
 
@@ -54,12 +54,15 @@ class Draft:
     form: str  # One of `FORMS`
     text: str
     effect: Effect
+    at: float = 0.0  # Of a step where it is; of a periodic law how often it returns in a turn of the wheel
 
     def in_words(self, same: Sequence[str] = (), form: str = "") -> str:
         """Say what is off, and what it follows; to these data drivers in `same` are no others."""
         what = self.changes if self.changes in SENSED else f"the soil's {self.changes}"
         if self.form == "gain":
             what, form = f"the gain of {what}", form and "linear"
+        if self.form == "periodic" and self.at > 1.0:
+            form = f"{self.at:.0f} times in a turn of the wheel"
         if self.of_sensor:
             told = f"{what} is off by a constant{' and a factor' * bool(self.driver)}"
         else:
@@ -126,7 +129,7 @@ def screen(
     """Yield the signatures of all drafts without writing them.
 
     What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves: tables by channel, shape
-    (n, columns). `values` are the drivers' at the rows, `steps` the values at which a step of each is tried.
+    (n, columns). `values` are the drivers' at the rows, `steps` what `step_of` returns of each.
     """
     shown = [name for name in SHOWN if name in wheel.measured]
     read = [name for name in _READ if name in channels]
@@ -178,7 +181,7 @@ def _shapes(form: str, column: Array, at: float, *, own_offset: bool) -> Array |
     one = np.ones_like(column)
     size = _size(column)
     if form == "periodic":
-        return np.stack([np.sin(column), np.cos(column)], axis=1)
+        return np.stack([np.sin(at * column), np.cos(at * column)], axis=1)
     if form in ("linear", "gain"):
         return np.stack([column / size, one], axis=1) if own_offset else (column / size)[:, None]
     if form == "magnitude":
@@ -235,8 +238,22 @@ def usual(changes: str, measured: Array) -> float:
 
 
 def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
-    """Return above which value of a driver the residuals of some samples differ most from the others."""
+    """Return above which value of a driver the residuals of some samples differ most from the others.
+
+    Of the wheel's angle, how often in a turn they return most.
+    """
     column = readable(wheel)[driver].values[rows]
+    residuals = [own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()]
+    if driver == ANGLE:
+        returns = [round(2.0 * np.pi / (one.at or np.inf)) for one in shapes.of_turning(driver, [column])]
+
+        def swing(count: int) -> float:
+            turned = np.exp(1j * count * column)
+            return float(
+                sum(abs(np.nansum(own * turned)) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals)
+            )
+
+        return float(max(returns, key=swing, default=1))
     levels = np.unique(column[np.isfinite(column)])
     if len(levels) <= _PLACES:
         places = 0.5 * (levels[1:] + levels[:-1])
@@ -245,7 +262,6 @@ def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
     if driver == "time":
         found = shapes.of_stretches(driver, column, wheel.segment[rows])
         places = np.append(places, [one.at for one in found if one.name == "step"])
-    residuals = [own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()]
 
     def taken(at: float) -> float:
         above = column > at
@@ -265,7 +281,10 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
     usual: float,
     step: float = 0.0,
 ) -> Draft | None:
-    """Write a draft of some size, a step there; None where the units of the driver do not allow the form."""
+    """Write a draft of some size; None where the units of the driver do not allow the form.
+
+    `step` is what `step_of` returns.
+    """
     shown = changes in SENSED
     own = QUANTITIES[changes] if shown and form != "gain" else "1"
     usual = _PART if form == "gain" else usual
@@ -288,7 +307,8 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
             parameters["a"] = (per, 0.0, slope)
             term, parameters["b"] = f"{term} + b", (own, 0.0, max(usual, slope * size))
     elif form == "periodic":
-        term = f"a * sin({read}) + b * cos({read})"
+        turned = f"{step:.0f} * {read}" if step > 1.0 else read
+        term = f"a * sin({turned}) + b * cos({turned})"
         parameters["a"] = parameters["b"] = (own, 0.0, usual)
     elif form == "magnitude":
         term, parameters["a"] = f"a * abs({read})", (per, 0.0, usual / size)
@@ -326,7 +346,7 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
         effect = replace(
             effect, parameters=tuple(replace(p, shape=p.name == "at" or p.shape) for p in effect.parameters)
         )
-    return Draft(changes, driver, form, text, effect)
+    return Draft(changes=changes, driver=driver, form=form, text=text, effect=effect, at=step)
 
 
 def _id(changes: str, driver: str, form: str) -> str:

@@ -91,6 +91,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
     tried = processes.each(
         partial(_tried, data), written, lambda one: progress(f"fitting the draft {one[0].effect.id}")
     )
+    tried = [one for one in tried if not refit_ranking.makes_soil_impossible(data, one.refit)]
     tried.sort(key=lambda one: float(one.refit.loss.sum()))
     return _plainest(tried, base)
 
@@ -184,6 +185,7 @@ def same_drivers(data: Ground, driver: str) -> tuple[str, ...]:
 
 
 def verdict(
+    share: Callable[[Tried], float],
     base: Refit,
     effect: Refit,
     tried: Sequence[Tried],
@@ -194,6 +196,7 @@ def verdict(
 ) -> tuple[UnknownEffect | None, bool]:
     """Return a draft that predicts better than every effect, and whether it stands alone.
 
+    `share` is that of the errors which a draft takes off, NaN where none is more than noise.
     `same` are the drivers of which that of the draft is a function. Where a `pair` of effects predicts as
     well as the draft, what is missing may be in the catalogue, though not all of it in one effect. `rival` is
     the draft of a sensor that predicts as well as the first of the family.
@@ -214,15 +217,23 @@ def verdict(
         alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
         better = "A sensor's error" if tried[0].draft.of_sensor else "A drafted law"
         head = "No effect of the catalogue explains it" if alone else f"{better} predicts better"
-        return _told(base, tried[0], misfit, head, same), alone
+        return _told(share, base, tried[0], misfit, head, same), alone
     if rival is not None and misfit > 0.0:
-        return _told(base, rival, misfit, "A sensor's error predicts as well"), False
+        return _told(share, base, rival, misfit, "A sensor's error predicts as well"), False
     return None, False
 
 
-def _told(base: Refit, one: Tried, misfit: float, head: str, same: Sequence[str] = ()) -> UnknownEffect:
-    draft = one.draft
-    explained = float(np.clip((base.loss - one.refit.loss).sum() / misfit, 0.0, 1.0))
+def _told(
+    share: Callable[[Tried], float],
+    base: Refit,
+    one: Tried,
+    misfit: float,
+    head: str,
+    same: Sequence[str] = (),
+) -> UnknownEffect:
+    draft, explained = one.draft, share(one)
+    if np.isnan(explained):
+        explained = float(np.clip((base.loss - one.refit.loss).sum() / misfit, 0.0, 1.0))
     channel = draft.changes if draft.changes in drafted_laws.SENSED else _channel(base, one)
     does = draft.in_words(same, draft.form)
     return UnknownEffect(

@@ -18,6 +18,8 @@ import numpy as np
 
 from terrain_cli.comparison import comparison_criteria, smoothed_fit, smoothed_model
 from terrain_cli.comparison.blocks import error, resample, webb_weights
+from terrain_cli.comparison.compare import NEVER_NEGATIVE
+from terrain_cli.comparison.smoothed_fit import Solution
 from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
@@ -65,12 +67,37 @@ def left_open(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     return bool(told) and not any(told)
 
 
+def makes_soil_impossible(data: Ground, one: Refit) -> bool:
+    """Tell whether the soil is possible only without what was added.
+
+    One that is impossible without it too may lack another effect besides.
+    """
+    return _impossible_soil(data, one.solutions) and not _impossible_soil(data, data.base)
+
+
+def _impossible_soil(data: Ground, solutions: Sequence[Solution]) -> bool:
+    """Tell whether a cohesion or friction angle is clearly below nought, on data that suffice."""
+    for part, solution, block in zip(data.data, solutions, data.block, strict=True):
+        own, _ = smoothed_fit.covariance(part, solution)
+        long = [
+            len(np.unique(block[part.window == j])) >= comparison_criteria.FEWEST_BLOCKS
+            for j in range(part.windows)
+        ]
+        for place, (name, values) in enumerate(smoothed_fit.parameters(solution).items()):
+            error = np.sqrt(own[:, place, place])
+            if name in NEVER_NEGATIVE and bool(np.any((values < -CERTAIN * error) & long)):
+                return True
+    return False
+
+
 def doubt(data: Ground, hypothesis: Hypothesis, one: Refit) -> str:
     """Say why the size of an effect is not to be believed; nothing if it is."""
     if imitates(data, hypothesis, one):
         return "physically impossible"
     if one.at_bound(hypothesis):
         return "at its bound"
+    if makes_soil_impossible(data, one):
+        return "with a physically impossible soil"
     return "left open by the data" if left_open(data, hypothesis, one) else ""
 
 

@@ -26,6 +26,7 @@ from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, unknowns
 from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.windows.joined_inputs import with_inputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,10 +344,13 @@ def on_wheels(data: Ground, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
 
 def fitted_anew(wheel: FittedWheel, one: Hypothesis) -> FittedWheel:
     """Fit a hypothesis to a wheel as `compare` fits a model."""
-    known = wheel.settings
+    known, windows = wheel.settings, wheel.windows
+    if any(not windows.samples.drivers.keys() >= {*effect.reads} for effect in one.effects):
+        # What a drafted law follows nothing asked for before.
+        (windows,) = with_inputs([windows], one.effects)
     fixed = {name: value for name, value in known.fixed.items() if name not in one.priors}
     settings = FitSettings({**fixed, **one.fixed}, {**known.priors, **one.priors}, known.shared, known.noise)
-    return FittedWheel(wheel.windows, one.model, settings, wheel.segment, wheel.further)
+    return FittedWheel(windows, one.model, settings, wheel.segment, wheel.further)
 
 
 def held_out_errors(

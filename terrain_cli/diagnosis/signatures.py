@@ -66,7 +66,7 @@ def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     residual, known = whitening.known_of(white, errors, inputs_known(channels))
     found = SignatureEvidence(channels, white, residual, known, np.zeros(0))
     names = (*wheel.soil, *wheel.common)
-    return found._replace(soil=found.whitened(wheel.slopes(channels, rows), len(names)))
+    return found._replace(soil=found.whitened(wheel.free_slopes(channels, rows), len(names)))
 
 
 def of_effects(

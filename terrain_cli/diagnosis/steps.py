@@ -9,12 +9,10 @@ import numpy as np
 from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.comparison import blocks, comparison_criteria
-from terrain_cli.comparison.compare import pooled_noise
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import (
     alarm,
     drafted_laws,
-    effect_sizes,
     next_drive,
     outside_catalogue,
     pairs,
@@ -23,11 +21,16 @@ from terrain_cli.diagnosis import (
     screening,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.candidates import Fitted, as_it_is, held_out_errors
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Hypothesis, NextDrive, UnknownEffect
+from terrain_cli.diagnosis.diagnosis_outcome import (
+    Alarm,
+    Hypothesis,
+    NextDrive,
+    UnknownEffect,
+    share_taken,
+)
 from terrain_cli.diagnosis.refits import Ground, Refit
-
-Fitted = tuple[Hypothesis, Refit]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,8 +240,13 @@ def outside_the_catalogue(ranked: Ranked, found: Family, two: Two) -> tuple[Unkn
     """Return a drafted law that explains what no effect does, and whether it stands alone."""
     same = outside_catalogue.same_drivers(ranked.data, ranked.drafts[0].draft.driver) if ranked.drafts else ()
     pair = two.fitted[0][1] if two.fitted else None
+
+    def share(one: outside_catalogue.Tried) -> float:
+        wheels = [refits.fitted_anew(wheel, one.hypothesis) for wheel in ranked.data.wheels]
+        return share_taken(ranked.log.comparison, as_it_is(ranked.log), held_out_errors(ranked.log, wheels))
+
     return outside_catalogue.verdict(
-        ranked.base, ranked.best, ranked.drafts, found.ids, same, pair, found.rival
+        share, ranked.base, ranked.best, ranked.drafts, found.ids, same, pair, found.rival
     )
 
 
@@ -310,75 +318,6 @@ def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
     first = min(good, key=lambda pair: pair[0].free)
     inside = [pair for pair in credible if pair is not first]
     return [first, *inside, *(pair for pair in ranked if pair not in credible and pair is not first)]
-
-
-def candidates(
-    log: DiagnosedLog,
-    base: Refit,
-    ranked: Sequence[Fitted],
-    family: Sequence[str],
-    anew: Sequence[FittedWheel] = (),
-) -> list[Candidate]:
-    """List every candidate that can be tested.
-
-    The best comes first, then the rest of the family, the others, and those that were not fitted; each of
-    these by what they explain. `anew` are the wheels with the best one as `compare` fits it, where known.
-    """
-    data, found = log.data, log.found
-    count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
-    beyond = float(base.loss.sum()) - count
-    if beyond <= 0.0 and ranked:
-        # What passes for noise, and is taken off all the same, was none.
-        beyond = max(float((base.loss - refit.loss).sum()) for _, refit in ranked)
-    # Where all is noise, there is nothing to explain a share of.
-    misfit = beyond if beyond > 0.0 else np.nan
-    first = ranked[0][0].id if ranked else ""
-
-    def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
-        change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
-        wheels = refits.on_wheels(data, one, refit) if refit is not None else []
-        if one.id == first and wheels:
-            # As `compare` and `model add` fit it; the others, in less time, with what the refit found.
-            wheels = list(anew) or [refits.fitted_anew(wheel, one) for wheel in data.wheels]
-        return Candidate(
-            effect=one.id,
-            title=one.title,
-            score=found.scores[one.id],
-            p_value=found.p_values[one.id],
-            surviving=found.surviving[one.id],
-            explained=float(np.clip(-change / misfit, 0.0, 1.0)),
-            loss=change / count,
-            loss_se=np.nan if refit is None else blocks.error(refit.loss - base.loss) / count,
-            heldout=_errors(log, wheels) if wheels else {},
-            noise={name: pooled_noise(wheels, name) for name in base.heldout} if one.id == first else {},
-            sizes=dict(found.sizes[one.id]) if refit is None else effect_sizes.of_refit(one, data, refit),
-            refitted=refit is not None,
-            in_family=refit is not None and one.id in family,
-            doubt="" if refit is None else refit_ranking.doubt(data, one, refit),
-            settles=one.id == first and effect_sizes.settles_pull(wheels, one),
-        )
-
-    fitted = {one.id: refit for one, refit in ranked}
-    every = [one for one, _ in ranked]
-    every += [one for one in log.hypotheses if one.id in found.p_values and one.id not in fitted]
-    listed = [candidate(one, fitted.get(one.id)) for one in every]
-    return sorted(
-        listed, key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss)
-    )
-
-
-def as_it_is(log: DiagnosedLog) -> dict[str, float]:
-    """Return the held-out errors of the model as it is, where the soils are others than the comparison's."""
-    own = zip(log.comparison.wheels, log.data.wheels, strict=True)
-    return _errors(log, log.data.wheels) if any(one.fit is not other.fit for one, other in own) else {}
-
-
-def _errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[str, float]:
-    levels = {
-        name: errors.noise if errors.noise > 0.0 else errors.rmse
-        for name, errors in log.comparison.channels.items()
-    }
-    return refits.held_out_errors(wheels, log.block, levels)
 
 
 def quiet_with(case: Case, ranked: Ranked, one: Hypothesis, refit: Refit) -> bool:

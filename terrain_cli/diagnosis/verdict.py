@@ -82,9 +82,9 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
         small = f"{diagnosis.alarm.size[:1].upper()}{diagnosis.alarm.size[1:]}"
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
         return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
-    if diagnosis.verdict == "none":
-        return _nothing(diagnosis)
     seen = _seen(diagnosis, failures, changed)
+    if diagnosis.verdict == "none":
+        return _nothing(diagnosis, seen)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
     named = {one.effect: one for one in diagnosis.candidates}
@@ -140,8 +140,8 @@ def _together(diagnosis: Diagnosis, told: str, others: Sequence[str], doubtful: 
     return f"{both} The best single effect{are} {listed([told, *others])}.{doubtful}"
 
 
-def _nothing(diagnosis: Diagnosis) -> str:
-    """Say that no effect shows; of too few data, by how much the model is off."""
+def _nothing(diagnosis: Diagnosis, seen: str) -> str:
+    """Say that no effect shows, whatever is seen; of too few data, by how much the model is off."""
     blocks = diagnosis.comparison.blocks
     off = [
         f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
@@ -154,8 +154,8 @@ def _nothing(diagnosis: Diagnosis) -> str:
         return f"The model misses {listed(off)} of its size, but {too_few(blocks)} to prove it{table}."
     if blocks < criteria.BLOCKS_OF_ALARM:
         return f"{too_few(blocks)} to tell whether the model misses something."
-    if above_noise(over_noise(diagnosis.comparison)):
-        return "No effect explains the misfit."
+    if seen or above_noise(over_noise(diagnosis.comparison)):
+        return f"{seen}No effect explains the misfit."
     return "The data show no missing effect."
 
 

@@ -159,7 +159,8 @@ def _proposed(
         if evidence.closest and evidence.misses:
             # Held-out data can judge what may be chance.
             likely = [(evidence.closest,)]
-        return likely, "the data show no missing effect"
+        left = evidence.misses or evidence.tracked
+        return likely, "no effect explains the misfit" if left else "the data show no missing effect"
     both = [found.together] if found.together else []
     if found.together[:1] == (models.STRESSES,):
         # The others of the family are behind the stresses, and some need them.

@@ -18,7 +18,8 @@ FORMAT = "terrain-est/diagnosis/1"
 _ALARM = ("raised", "p_value", "level", "gain", "gain_se", "cause", "channel", "share", "smallest_share")
 _UNKNOWN = ("channel", "driver", "form", "explained", "sentence", "alternatives")
 _LEGEND = (
-    "explains: share of the misfit; survives: share of the effect's signature that no change of soil imitates"
+    "explains: share of the squared error beyond the noise; "
+    "survives: share of the effect's signature that no change of soil imitates"
 )
 _SHOWN = 8  # Candidates that a person reads
 _EARLY = 5  # Effects whose scores one reads while the fits go on
@@ -115,10 +116,13 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     state = "raised" if alarm.raised else "silent"
     idle = f": {alarm.cause} predicts best, but lowers no held-out error" * alarm.idle
     lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g}){idle}"]
-    shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
+    fitted = [one for one in diagnosis.candidates if one.refitted]
+    # As the column says, which is about the errors beside it, not about the loss of the ranking.
+    first, rest = fitted[:1], sorted(fitted[1:], key=lambda one: (not one.in_family, -one.explained))
+    shown = [*first, *rest][:_SHOWN]
     if shown:
         soils = "; same soils: those of the rows below" * bool(diagnosis.heldout)
-        lines += ["", *_table(diagnosis, shown), *order(shown, diagnosis.together), f"{_LEGEND}{soils}"]
+        lines += ["", *_table(diagnosis, shown), *order(fitted, diagnosis.together), f"{_LEGEND}{soils}"]
     lines += _drives(diagnosis.next_drive)
     if diagnosis.not_testable:
         lines += ["", "not testable on these data:"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from known_misfits import Kind, samples_of
@@ -93,3 +96,34 @@ def test_a_fit_is_judged_by_the_larger_noise_of_both():
     assert is_better(second, first, noises)
     assert not is_better(first, second, noises)
     assert not is_better({"torque": 3.4**2, "sinkage": 0.260**2}, first, noises)
+
+
+def test_what_the_data_leave_open_is_of_the_fit_that_took_the_place(wheel, solution):
+    """A fit that went astray may leave open what this one tells to a few percent."""
+    data, found = solution
+    every = (*found.unknowns.local, *found.unknowns.shared)
+    astray = replace(wheel.fit, undetermined={u.name: np.ones(len(wheel.fit.n), dtype=bool) for u in every})
+    fit = smoothed_fit.as_fit(data, found, astray)
+    known = {"cohesion": 0.1, "tan_phi": 0.1}
+    for name, most in known.items():
+        (unknown,) = (u for u in every if u.name == name)
+        assert np.all(fit.errors[name] < most * unknown.sd)
+        assert not fit.undetermined[name].any()
+
+
+def test_what_ran_to_a_bound_takes_up_no_misfit(wheel):
+    """A soil whose exponent is as small as can be hides nothing that an even smaller one would explain."""
+    stuck = copy(wheel)
+    (unknown,) = (u for u in wheel.sought.local if u.name == "sinkage_exponent")
+    least = float(unknown.value(np.array(unknown.lower)))
+    exponent = wheel.parameters["sinkage_exponent"].copy()
+    exponent[0] = least
+    stuck.parameters = {**wheel.parameters, "sinkage_exponent": exponent}
+    rows = np.arange(0, len(wheel), 7)
+    column, first = wheel.soil.index("sinkage_exponent"), wheel.window[rows] == 0
+    channels = {name: values[rows] for name, values in wheel.read.items()}
+    tables = stuck.slopes(channels, rows)
+    for name, free in stuck.free_slopes(channels, rows).items():
+        expected = tables[name].copy()
+        expected[first, column] = 0.0
+        np.testing.assert_array_equal(free, expected)

@@ -5,7 +5,34 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits, steps
+from terrain_cli.comparison import smoothed_fit
+from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits
+from terrain_cli.diagnosis.diagnosis_outcome import share_taken
+
+
+def logged(found, hypotheses):
+    nothing = SimpleNamespace(wheels=[], channels={})
+    return SimpleNamespace(data=nothing, comparison=nothing, found=found, hypotheses=hypotheses)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [
+        ({}, {"torque": 2.0, "sinkage": 0.9}, 1.0 - 3.0 / 8.0),
+        ({}, {"torque": 1.0, "sinkage": 3.0}, 0.0),
+        # Nor does noise that differs between models take anything from it.
+        ({}, {"torque": 1.0, "sinkage": 1.1}, 1.0),
+        ({"torque": 4.0}, {"torque": 2.0, "sinkage": 1.0}, 1.0 - 3.0 / 15.0),
+        # Where no error is more than noise, there is no share of one.
+        ({"torque": 1.0}, {"torque": 0.9, "sinkage": 0.9}, np.nan),
+        ({}, {}, np.nan),
+    ],
+)
+def test_what_an_effect_explains_is_of_the_errors_that_are_told(before, after, share):
+    errors = {"torque": 3.0, "sinkage": 0.9}
+    channels = {name: SimpleNamespace(noise=1.0, heldout_rmse=error) for name, error in errors.items()}
+    found = share_taken(SimpleNamespace(channels=channels), before, after)
+    assert found == pytest.approx(share, nan_ok=True)
 
 
 @pytest.mark.parametrize(("loss", "share"), [(0.5, np.nan), (1.0, np.nan), (3.0, 0.5)])
@@ -20,8 +47,8 @@ def test_share_of_a_misfit_that_is_there(loss, share):
         sizes={name: {} for name in named},
     )
     hypotheses = [SimpleNamespace(id=name, title=name) for name in ("weak", "strong")]
-    log = SimpleNamespace(data=SimpleNamespace(wheels=[]), found=found, hypotheses=hypotheses)
-    first, second = steps.candidates(log, base, [], ())
+    log = logged(found, hypotheses)
+    first, second = candidates.table_of(log, base, [], ())
     assert (first.effect, second.effect) == ("strong", "weak")
     assert first.explained == pytest.approx(share, nan_ok=True)
 
@@ -45,12 +72,12 @@ def test_the_best_comes_first_then_the_family_then_the_others_each_by_loss():
     found = SimpleNamespace(scores=named, p_values=named, surviving=named, explained=named)
     found.sizes = {name: {} for name in named}
     hypotheses = [SimpleNamespace(id=name, title=name) for name in named]
-    log = SimpleNamespace(data=SimpleNamespace(wheels=[]), found=found, hypotheses=hypotheses)
+    log = logged(found, hypotheses)
     base = SimpleNamespace(loss=np.full(10, 9.0), residuals=[np.ones(10)], heldout={})
     ranked = [
         (one, SimpleNamespace(loss=np.full(10, losses[one.id]))) for one in hypotheses if one.id in losses
     ]
-    listed = steps.candidates(log, base, ranked, ("first", "kin", "kin-too"))
+    listed = candidates.table_of(log, base, ranked, ("first", "kin", "kin-too"))
     assert [one.effect for one in listed] == ["first", "kin-too", "kin", "other", "weak", "scored"]
 
 
@@ -61,6 +88,29 @@ def test_the_best_explains_all_of_a_misfit_that_passed_for_noise():
     one = SimpleNamespace(id="lag", title="lag")
     found = SimpleNamespace(scores={"lag": 9.0}, p_values={"lag": 0.0}, surviving={"lag": 1.0})
     found.explained, found.sizes = {"lag": 1.0}, {"lag": {}}
-    log = SimpleNamespace(data=SimpleNamespace(wheels=[]), found=found, hypotheses=[one])
-    (listed,) = steps.candidates(log, base, [(one, SimpleNamespace(loss=np.full(10, 0.7)))], ("lag",))
+    log = logged(found, [one])
+    (listed,) = candidates.table_of(log, base, [(one, SimpleNamespace(loss=np.full(10, 0.7)))], ("lag",))
     assert listed.explained == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("cohesion", "without", "blocks", "told"),
+    [
+        (-500.0, 300.0, 8, "with a physically impossible soil"),
+        (-20.0, 300.0, 8, ""),  # within its error
+        (-500.0, -400.0, 8, ""),  # another effect is missing in any case
+        (-500.0, 300.0, 4, ""),  # too few data
+    ],
+)
+def test_an_effect_that_makes_the_soil_impossible_is_not_credible(
+    cohesion, without, blocks, told, monkeypatch
+):
+    """A gain of the load cell in the place of a wall of soil: it predicted better, at -2.3 kPa."""
+    part = SimpleNamespace(window=np.zeros(80, dtype=int), windows=1)
+    data = SimpleNamespace(data=[part], base=[without], block=[np.arange(80) * blocks // 80], wheels=[])
+    monkeypatch.setattr(smoothed_fit, "parameters", lambda found: {"cohesion": np.array([found])})
+    monkeypatch.setattr(smoothed_fit, "covariance", lambda *_: (np.full((1, 1, 1), 50.0**2), None))
+    effect = SimpleNamespace(effects=(), parameters={})
+    one = SimpleNamespace(solutions=[cohesion], at_bound=lambda _: False)
+    monkeypatch.setattr(refit_ranking, "left_open", lambda *_: False)
+    assert refit_ranking.doubt(data, effect, one) == told

@@ -240,7 +240,7 @@ def evidence(ratios, **known):
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
             UNFIT
-            + "no recorded channel tracks the misfit. "
+            + "no recorded channel tracks the misfit significantly. "
             + AGAIN
             + " changes, the soil varies; if it returns, the model lacks something. Also record "
             + "a channel that effects need: pitch or slip angle.",
@@ -250,14 +250,15 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none", points=True),
             "unexplained",
-            UNFIT + "no recorded channel tracks the misfit. Repeat the test points on fresh soil: if",
+            UNFIT
+            + "no recorded channel tracks the misfit significantly. Repeat the test points on fresh soil: if",
             "",
             id="nothing follows of test points",
         ),
         pytest.param(
             evidence(OFF, verdict="none"),
             "unexplained",
-            UNFIT + "no recorded channel tracks the misfit. " + AGAIN,
+            UNFIT + "no recorded channel tracks the misfit significantly. " + AGAIN,
             "",
             id="all is recorded",
         ),
@@ -318,6 +319,14 @@ def evidence(ratios, **known):
             UNFIT + "slope was tried, and held-out data do not support it.",
             NEW + "--until-quiet" + DATA,
             id="scores silent, one was tried",
+        ),
+        pytest.param(
+            evidence(FINE, tracked=True, verdict="none"),
+            "unexplained",
+            f"The model fits as well as these data can tell: {SMALLEST}. What is left may be systematic, but "
+            "no effect explains it.",
+            "",
+            id="a finding that no effect explains, within the noise",
         ),
         pytest.param(
             evidence(OFF, blocks=6),

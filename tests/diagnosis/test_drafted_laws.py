@@ -9,7 +9,7 @@ from changed_models import ROVER, write_log
 from hidden_drives import Kind, windows_of
 
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import diagnose, drafted_laws
+from terrain_cli.diagnosis import diagnose, drafted_laws, refit_ranking
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
@@ -115,6 +115,39 @@ def test_a_step_is_drafted_where_it_is():
     assert tomllib.loads(found.unknown.draft)["parameters"]["at"]["null"] == pytest.approx(33.0, abs=0.3)
 
 
+def test_a_swing_is_drafted_as_often_in_a_turn_as_it_returns():
+    """Teeth of a gear, or grousers of which rover.toml says nothing."""
+    (windows,) = windows_of(83, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    bare = replace(samples, geometry=samples.geometry._replace(grouser_count=0))
+    angle = drafted_laws.drivers(FittedWheel(replace(windows, samples=bare), Model(), NOTHING))["wheel_angle"]
+    torque = samples.channels["torque"].copy()
+    torque[windows.rows] += 0.3 * np.nanstd(torque) * np.sin(4.0 * angle + 0.5)
+    swings = replace(bare, channels={**samples.channels, "torque": torque})
+    found = diagnose([replace(windows, samples=swings)], ModelFile())
+    assert (found.verdict, found.unknown.driver, found.unknown.form) == ("unknown", "wheel_angle", "periodic")
+    assert "torque varies with wheel angle (4 times in a turn of the wheel), which" in found.sentence
+    assert found.unknown.explained > 0.9
+    law = tomllib.loads(found.unknown.draft)["law"]
+    assert law == "torque + a * sin(4 * wheel_angle) + b * cos(4 * wheel_angle)"
+
+
+def test_a_law_that_makes_the_soil_impossible_is_not_drafted(monkeypatch):
+    """A slip that is off by six tenths, in the place of a bent law, at a cohesion of -0.6 kPa."""
+    (windows,) = windows_of(82, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    heat = 30.0 + 6.0 * np.sin(2.0 * np.pi * samples.time / 13.0)
+    pull = samples.channels["drawbar_pull"] - np.where(heat > 33.0, 6.0, 0.0)
+    channels = {**samples.channels, "board": heat, "drawbar_pull": pull}
+    judged = []
+    monkeypatch.setattr(
+        refit_ranking, "makes_soil_impossible", lambda _, one: "board" in one.id and not judged.append(one.id)
+    )
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert "drawbar-pull-with-board-step" in judged
+    assert found.unknown is None or found.unknown.driver != "board"
+
+
 @pytest.mark.parametrize(("driver", "drafted"), [("supply", True), ("velocity", False), ("slip", False)])
 def test_no_gain_follows_what_the_wheel_does(driver, drafted):
     column = np.linspace(0.1, 0.9, 50)
@@ -164,6 +197,6 @@ def test_a_square_is_about_zero_where_the_driver_comes_near_it(column, law):
     ],
 )
 def test_a_law_in_a_few_words(changes, driver, same, words):
-    draft = drafted_laws.Draft(changes, driver, "step", "", None)
+    draft = drafted_laws.Draft(changes=changes, driver=driver, form="step", text="", effect=None)
     assert draft.in_words(same) == words
     assert draft.along == (driver == "x")

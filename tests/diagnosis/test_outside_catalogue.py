@@ -11,6 +11,11 @@ from terrain_cli.diagnosis import diagnose, drafted_laws, outside_catalogue
 from terrain_cli.models import ModelFile
 
 
+def no_share(_):
+    """No error is more than noise: the share is that of the loss."""
+    return float("nan")
+
+
 def fitted(loss, torque):
     """Return a refit of 100 samples in 20 blocks, of some loss and held-out error of the torque."""
     rng = np.random.default_rng(round(loss))
@@ -23,14 +28,14 @@ def fitted(loss, torque):
 
 
 def drafted(changes, driver, form, loss, torque):
-    law = drafted_laws.Draft(changes, driver, form, "", None)
+    law = drafted_laws.Draft(changes=changes, driver=driver, form=form, text="", effect=None)
     return SimpleNamespace(draft=law, refit=fitted(loss, torque))
 
 
 def judged(base, effect, draft, family=("drivetrain-friction",), pair=None, driver="velocity"):
     tried = [drafted("torque", driver, "saturating", *draft)]
     both = pair and fitted(*pair)
-    return outside_catalogue.verdict(fitted(*base), fitted(*effect), tried, family, pair=both)
+    return outside_catalogue.verdict(no_share, fitted(*base), fitted(*effect), tried, family, pair=both)
 
 
 def test_a_law_stands_alone_where_every_effect_leaves_much_of_the_misfit():
@@ -128,7 +133,9 @@ def test_so_is_the_zero_of_the_same_sensor_where_the_effect_has_none(effect, cha
 def test_such_an_error_is_told_beside_the_effect(changes, driver, says):
     rival = drafted(changes, driver, "linear" if driver else "constant", 100.0, 0.15)
     base, effect = fitted(200.0, 0.4), fitted(100.0, 0.15)
-    unknown, alone = outside_catalogue.verdict(base, effect, [rival], ("drawbar-bias",), rival=rival)
+    unknown, alone = outside_catalogue.verdict(
+        no_share, base, effect, [rival], ("drawbar-bias",), rival=rival
+    )
     assert not alone
     assert unknown.channel == changes
     assert unknown.sentence.startswith(f"A sensor's error predicts as well: {says}")

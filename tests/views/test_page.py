@@ -209,7 +209,7 @@ def test_names_from_files_are_text(run):
 
 def test_nothing_found_is_said(run):
     text = page(comparison_of(run, failures=False))
-    assert "No recorded channel tracks the misfit." in text
+    assert "No recorded channel tracks a misfit significantly." in text
     assert "What the misfit follows" not in text
 
 

@@ -261,7 +261,7 @@ def parameters(
     values, errors, undetermined, told, bounded = {}, {}, {}, {}, {}
     for column, unknown in enumerate(unknowns):
         name, there = unknown.name, t[:, column]
-        at_bound = (there <= unknown.lower + _AT_BOUND) | (there >= unknown.upper - _AT_BOUND)
+        at_bound = at_end(unknown, there)
         if column < found.at_bound.shape[1]:
             at_bound = at_bound | found.at_bound[:, column]
             told[name] = (width[:, column] < SURELY_TOLD) & known
@@ -304,6 +304,11 @@ def parameters(
         bounded=bounded,
         phi_open=_open(names, found.sure, values["tan_phi"], unknowns) * blank,
     )
+
+
+def at_end(unknown: Unknown, t: Array) -> Mask:
+    """Tell which values are at a bound, in prior standard deviations from the prior mean."""
+    return np.asarray((t <= unknown.lower + _AT_BOUND) | (t >= unknown.upper - _AT_BOUND))
 
 
 def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequence[Unknown]) -> Array:

@@ -59,7 +59,7 @@ _SMALL = 1.0  # Beyond this many of them a correction of shared unknowns is none
 #: and white ones would now and then lose all that they tell.
 _FEWEST = 10.0
 #: Information of a prior ten times as wide, and of nothing.
-_WIDE, _NOTHING = 0.01, 1e-9
+WIDE, _NOTHING = 0.01, 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +154,7 @@ def posterior(
         # What is at its bound stays there.
         gain=np.where(beyond[:, :, None] >= 0.0, 0.0, gain),
         sure=_width(sure, local, prior=1.0),
-        wide=_width(sure, local, prior=_WIDE),
+        wide=_width(sure, local, prior=WIDE),
         misfit=normal.misfit * data.excess,
         dof=dof,
         inflation=data.excess * scatter[:, 0, 0] * lasting.max(axis=0, initial=1.0),

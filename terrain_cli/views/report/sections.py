@@ -320,7 +320,7 @@ def _failures(content: _Content) -> Section:
     )
     text = [legend]
     if not rows:
-        text.insert(0, "No recorded channel tracks the misfit.")
+        text.insert(0, "No recorded channel tracks a misfit significantly.")
     return Section(id="failures", title="Where it fails", text=text, parts=parts)
 
 

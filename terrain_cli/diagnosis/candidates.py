@@ -1,0 +1,95 @@
+"""Every effect that a diagnosis could test, with what it explains: the table of docs/diagnose.md."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from terrain_cli.comparison import blocks
+from terrain_cli.comparison.compare import pooled_noise
+from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits
+from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
+from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Hypothesis, noise_with, share_taken
+from terrain_cli.diagnosis.refits import Refit
+
+Fitted = tuple[Hypothesis, Refit]
+
+
+def table_of(
+    log: DiagnosedLog,
+    base: Refit,
+    ranked: Sequence[Fitted],
+    family: Sequence[str],
+    anew: Sequence[FittedWheel] = (),
+) -> list[Candidate]:
+    """List every candidate that can be tested.
+
+    The best comes first, then the rest of the family, the others, and those that were not fitted; each of
+    these by their loss. What they explain is of the errors that are told, where these are more than noise.
+    `anew` are the wheels with the best one as `compare` fits it, where known.
+    """
+    data, found = log.data, log.found
+    count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
+    beyond = float(base.loss.sum()) - count
+    if beyond <= 0.0 and ranked:
+        # What passes for noise, and is taken off all the same, was none.
+        beyond = max(float((base.loss - refit.loss).sum()) for _, refit in ranked)
+    # Where all is noise, there is nothing to explain a share of.
+    misfit = beyond if beyond > 0.0 else np.nan
+    first = ranked[0][0].id if ranked else ""
+
+    def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
+        change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
+        wheels = refits.on_wheels(data, one, refit) if refit is not None else []
+        if one.id == first and wheels:
+            # As `compare` and `model add` fit it; the others, in less time, with what the refit found.
+            wheels = list(anew) or [refits.fitted_anew(wheel, one) for wheel in data.wheels]
+        return Candidate(
+            effect=one.id,
+            title=one.title,
+            score=found.scores[one.id],
+            p_value=found.p_values[one.id],
+            surviving=found.surviving[one.id],
+            explained=float(np.clip(-change / misfit, 0.0, 1.0)),
+            loss=change / count,
+            loss_se=np.nan if refit is None else blocks.error(refit.loss - base.loss) / count,
+            heldout=held_out_errors(log, wheels) if wheels else {},
+            noise={name: pooled_noise(wheels, name) for name in base.heldout} if one.id == first else {},
+            sizes=dict(found.sizes[one.id]) if refit is None else effect_sizes.of_refit(one, data, refit),
+            refitted=refit is not None,
+            in_family=refit is not None and one.id in family,
+            doubt="" if refit is None else refit_ranking.doubt(data, one, refit),
+            settles=one.id == first and effect_sizes.settles_pull(wheels, one),
+        )
+
+    fitted = {one.id: refit for one, refit in ranked}
+    every = [one for one, _ in ranked]
+    every += [one for one in log.hypotheses if one.id in found.p_values and one.id not in fitted]
+    listed = [candidate(one, fitted.get(one.id)) for one in every]
+    listed.sort(key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss))
+    before, own = as_it_is(log) if ranked else {}, log.comparison
+    noise = noise_with(own, listed[0].noise if listed else {}, before)
+    # The loss is weighed by the noise that the best leaves, of which a misfit may be a part.
+    shares = [share_taken(own, before, one.heldout, noise) for one in listed]
+    return [
+        one if np.isnan(share) else replace(one, explained=share)
+        for one, share in zip(listed, shares, strict=True)
+    ]
+
+
+def as_it_is(log: DiagnosedLog) -> dict[str, float]:
+    """Return the held-out errors of the model as it is, where the soils are others than the comparison's."""
+    own = zip(log.comparison.wheels, log.data.wheels, strict=True)
+    return (
+        held_out_errors(log, log.data.wheels) if any(one.fit is not other.fit for one, other in own) else {}
+    )
+
+
+def held_out_errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[str, float]:
+    """Return the held-out errors of some wheels, by channel, as `compare` has them."""
+    levels = {
+        name: errors.noise if errors.noise > 0.0 else errors.rmse
+        for name, errors in log.comparison.channels.items()
+    }
+    return refits.held_out_errors(wheels, log.block, levels)
