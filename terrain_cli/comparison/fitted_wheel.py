@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -34,7 +34,6 @@ _READ = (*smoothed_channels.INTERPOLATED, "torque", "drawbar_pull")
 _TELL = 1_000  # Samples that tell over which gap channels are interpolated best (judged)
 _MOST_COMMON = 30_000  # Most samples to which one soil is fitted
 _WEIGHED = 3  # Times that test points are weighed anew by what the model leaves of them
-Levels = Mapping[str, float]  # Noise by channel
 _FAR = 3.0  # Prior standard deviations within which a search begins
 
 
@@ -107,7 +106,7 @@ class FittedWheel:
         astray = ratio >= criteria.ASTRAY or not self.ordered or lost
         levels = {name: level.deviation for name, level in self.noise.items()}
         sizes = self._sizes()
-        if not astray and not _off(sizes, levels) > criteria.NOTICED:
+        if not astray and not residual_noise.worst(sizes, levels) > criteria.NOTICED:
             return
         data = self.least_squares_data()
         t, common = self.beginning()
@@ -124,7 +123,9 @@ class FittedWheel:
         after = self._sizes()
         worse = self.ordered and all(size >= sizes[name] for name, size in after.items())
         others = {name: level.deviation for name, level in self.noise.items()}
-        if (not astray and not is_better(after, sizes, (levels, others))) or (worse and not lost):
+        if (not astray and not residual_noise.is_better(after, sizes, (levels, others))) or (
+            worse and not lost
+        ):
             self._forget()
             self.fit, self.parameters = first
 
@@ -388,18 +389,3 @@ class FittedWheel:
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
         return channels
-
-
-def is_better(after: Mapping[str, float], before: Mapping[str, float], noises: Sequence[Levels]) -> bool:
-    """Tell whether the worst channel of a fit is better than that of another; sizes are mean squares.
-
-    The noise that slip and load bring into a prediction grows with its slopes: a soil that makes too little
-    of them has too little noise too. So a channel is measured by the larger noise of both fits.
-    """
-    levels = {name: max(noise[name] for noise in noises) for name in before}
-    return _off(after, levels) < _off(before, levels)
-
-
-def _off(sizes: Mapping[str, float], levels: Levels) -> float:
-    """Return the largest mean square of the residuals of a channel, in units of its noise's."""
-    return max((size / levels[name] ** 2 for name, size in sizes.items() if levels[name] > 0.0), default=0.0)

@@ -256,3 +256,20 @@ def of_neighbours(residual: Array, group: Index, drivers: Array) -> float:
     off = between(group, drivers).off(residual)
     off = off[np.isfinite(off)]
     return float(np.sqrt(np.mean(off**2))) if len(off) >= criteria.POINTS_BETWEEN else np.nan
+
+
+def is_better(
+    after: Mapping[str, float], before: Mapping[str, float], noises: Sequence[Mapping[str, float]]
+) -> bool:
+    """Tell whether the worst channel of a fit is better than that of another; sizes are mean squares.
+
+    The noise that slip and load bring into a prediction grows with its slopes: a soil that makes too little
+    of them has too little noise too. So a channel is measured by the larger noise of both fits.
+    """
+    levels = {name: max(noise[name] for noise in noises) for name in before}
+    return worst(after, levels) < worst(before, levels)
+
+
+def worst(sizes: Mapping[str, float], levels: Mapping[str, float]) -> float:
+    """Return the largest mean square of the residuals of a channel, in units of its noise's."""
+    return max((size / levels[name] ** 2 for name, size in sizes.items() if levels[name] > 0.0), default=0.0)

@@ -11,7 +11,8 @@ from known_misfits import Kind, samples_of
 
 from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model
-from terrain_cli.comparison.fitted_wheel import FittedWheel, is_better
+from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.comparison.residual_noise import is_better
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.cut_windows import cut

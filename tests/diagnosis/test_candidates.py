@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from terrain_cli.comparison import smoothed_fit
-from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits
+from terrain_cli.diagnosis import candidates, effect_sizes, refit_ranking, refits
 from terrain_cli.diagnosis.diagnosis_outcome import share_taken
 
 
