@@ -12,7 +12,7 @@ from terrain_cli.comparison import distributions
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from terrain_cli.vocabulary.arrays import Array, Index
 
