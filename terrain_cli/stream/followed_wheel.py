@@ -210,7 +210,7 @@ class FollowedWheel:
                 *line,
                 (nothing if piece.distance is None else piece.distance)[rows],
                 *(piece.channels[name][rows] for name in ("load", "sinkage")),
-                *(piece.channels[name][rows] for name in cut_windows.FOLLOWED if name in piece.channels),
+                *cut_windows.drivers(piece, rows),
             ]
         )
         for bound in self._cuts.add(columns):

@@ -36,7 +36,9 @@ _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
 _NEAR = 5
 
 #: What every verb reads of a log, and what effects follow: without them a soil would seem to change with it.
-FOLLOWED = ("slip", "load", "angular_velocity", "motor_temperature", "pitch", "roll", "yaw_rate")
+_FOLLOWED = (
+    *("slip", "load", "angular_velocity", "motor_temperature", "pitch", "roll", "yaw_rate", "slip_angle"),
+)
 #: Windows of one input, some 1.5 kB each with their rows; judged: more than anyone reads, in 3 GB.
 MOST = 2_000_000
 
@@ -256,8 +258,7 @@ def _where_soil_changes(
         return at, own, (x[at], y[at]), (load, sinkage, slip[at]), limits
 
     at, own, lines, wheel, limits = known(driving)
-    # What the line of a soil may seem to follow where the model lacks an effect.
-    followed = [samples.channels[name][index][at] for name in FOLLOWED if name in samples.channels]
+    followed = drivers(samples, which(rows[at], len(samples)))
     followed += [turn[:, at] for turn in _turns(samples, index, stretch)]
     changes = change_points(*lines, breaks=own, before=before, **limits)
     changes = needed(*lines, followed, changes, own)
@@ -270,6 +271,13 @@ def _where_soil_changes(
     # A wheel that skids between two soils belongs to the first: no line tells.
     inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
     return whole_windows(len(rows), breaks=np.concatenate([breaks, seen[inner]]))
+
+
+def drivers(samples: Samples, rows: Index | slice) -> list[Array]:
+    """Return what the line of a soil may seem to follow in some rows where the model lacks an effect."""
+    channels = {name: samples.channels[name][rows] for name in _FOLLOWED if name in samples.channels}
+    # A wheel that slides to the left loses as much as one that slides to the right.
+    return [np.abs(values) if name == "slip_angle" else values for name, values in channels.items()]
 
 
 def _turns(samples: Samples, rows: Index | slice, stretch: Index) -> Iterator[Array]:

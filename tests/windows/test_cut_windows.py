@@ -69,6 +69,26 @@ def test_what_follows_the_turn_of_the_wheel_is_no_change_of_soil(soils):
     assert (np.abs(after[:, None] - truth) < 3.0).any(axis=1).all()
 
 
+def test_what_follows_the_slip_angle_is_no_change_of_soil():
+    """The wheel slides to either side in turn, and straight on between."""
+    load, slip = undulation(80.0, 0.2, 7.0, seed=3), undulation(0.3, 0.3, 9.0, seed=4)
+    drive = one_wheel(
+        [(DRY_SAND, 120.0)],
+        load=load,
+        slip=slip,
+        noise=0.01,
+        rate=10.0,
+        effects={"side-slip": {"k_growth": 1.2, "lateral": 4.0}},
+        seed=1,
+    )
+    sideways = steps([(0.0, 10.0), (0.4, 10.0), (0.0, 10.0), (-0.4, 10.0)] * 3)
+    drive = replace(drive, slip_angle=sideways, channels=(*drive.channels, "slip_angle"))
+    wheel, _ = samples_of(drive)
+    straight = {name: values for name, values in wheel.channels.items() if name != "slip_angle"}
+    assert len(cuts(replace(wheel, channels=straight))) == 11
+    assert len(cuts(wheel)) == 0
+
+
 SOILS = (DRY_SAND, UPLAND_SANDY_LOAM, WET_CLAYEY_SOIL)
 
 
