@@ -22,6 +22,7 @@ from terrain_cli.windows.change_points import (
     Breaks,
     change_points,
     needed,
+    of_any_modulus,
     placed,
     sinkage_changes,
     whole_windows,
@@ -34,6 +35,9 @@ _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
 #: Samples on either side that tell whether a wheel drives. On 18 wheels both 5 and 16 remove all ten cuts
 #: within one soil where wheels roll freely; 16 leaves three more where slip changes fast.
 _NEAR = 5
+
+#: Values of k by which the line of a soil is sought, in standard deviations of what is known of k.
+_MODULI = np.linspace(-2.0, 2.0, 9)
 
 #: What every verb reads of a log, and what effects follow: without them a soil would seem to change with it.
 _FOLLOWED = (
@@ -138,6 +142,15 @@ def _measured(samples: Samples, rows: Index) -> dict[str, Any]:
 def line(samples: Samples, rows: Index) -> tuple[Array, Array]:
     """Return the coordinates x and y, in Pa, of samples on the soil's line."""
     return linear.line_coordinates(**_measured(samples, rows), **samples.geometry.line)
+
+
+def _lines(samples: Samples, rows: Index) -> list[tuple[Array, Array]]:
+    """Return x and y by each k that the soils may have, up to two standard deviations from that assumed."""
+    geometry, measured = samples.geometry, _measured(samples, rows)
+    return [
+        linear.line_coordinates(**measured, **{**geometry.line, "shear_modulus": float(k)})
+        for k in geometry.shear_modulus * geometry.shear_modulus_factor**_MODULI
+    ]
 
 
 def drives(slip: Array) -> Mask:
@@ -261,6 +274,8 @@ def _where_soil_changes(
     followed = drivers(samples, which(rows[at], len(samples)))
     followed += [turn[:, at] for turn in _turns(samples, index, stretch)]
     changes = change_points(*lines, breaks=own, before=before, **limits)
+    if len(changes) > len(own) + 2:
+        changes = of_any_modulus(_lines(samples, rows[at]), changes, own, before=before)
     changes = needed(*lines, followed, changes, own)
     changes = sinkage_changes(*wheel, followed, changes, before=before, **limits)
     inner = driving[np.setdiff1d(changes[1:-1], own, assume_unique=True)]

@@ -122,6 +122,18 @@ def test_a_wheel_that_rolls_freely_is_on_no_other_soil():
     assert len(cuts(noisy)) == 0
 
 
+def test_a_soil_of_another_shear_modulus_is_one_soil():
+    """The k assumed is four times that of a soil, whose line then bends at every step of the slip."""
+    slip = steps([(size, 8.0) for size in (0.25, 0.07, 0.4, 0.12, 0.55)] * 2)
+    load = undulation(80.0, 0.2, 7.0, seed=3)
+    soils = [(UPLAND_SANDY_LOAM, 40.0), (DRY_SAND, 40.0)]
+    wheel, log = samples_of(one_wheel(soils, load=load, slip=slip, noise=0.02, rate=20.0, seed=1))
+    k = 4.0 * UPLAND_SANDY_LOAM.shear_modulus
+    told, sure = (wheel.geometry._replace(shear_modulus=k, shear_modulus_factor=f) for f in (2.0, 1.01))
+    np.testing.assert_allclose(cuts(replace(wheel, geometry=told)), log.boundaries, atol=1.0)
+    assert len(cuts(replace(wheel, geometry=sure))) > 1
+
+
 def test_two_soils_as_strong_are_told_by_their_sinkage():
     """Sandy loam is as strong as dry sand under this wheel, and the wheel sinks half as deep."""
     drive = one_wheel(
