@@ -204,9 +204,11 @@ _SHOWN = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", *_MAPPED, "stress_kPa")
 _KNOWN = 0.5
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the ridge penalty δ; only the strength is reliable",
-    "not-separable": "c and φ cannot be separated: the load varies too little, or k is uncertain",
+    "not-separable": "c and φ cannot be separated: the load varies too little for the noise, "
+    "or k is uncertain",
     "out-of-range": "c is negative or φ is outside 0 to 60°: noise if within its error, else a wrong model",
-    "at-bound": "a parameter is at the limit of its plausible range; try `terrain-est diagnose`",
+    "at-bound": "a parameter is at the limit of its plausible range, or far from what rover.toml says of it; "
+    "try `terrain-est diagnose`",
     "prior-bound": "the data do not determine c or φ (left empty)",
     "model-misses": "the soil varies or an effect is missing: c and φ may be off; try `terrain-est diagnose`",
     "too-few-samples": "segments with fewer samples than --min-samples",

@@ -207,7 +207,7 @@ class FollowedWheel:
                 *line,
                 nothing if piece.distance is None else piece.distance,
                 *(piece.channels[name] for name in ("load", "sinkage")),
-                *(piece.channels[name] for name in cut_windows.FOLLOWED if name in piece.channels),
+                *cut_windows.drivers(piece, slice(None)),
             ]
         )
         for bound in self._cuts.add(self._driven.add(columns)):

@@ -24,7 +24,7 @@ NOWHERE = "not measured"  # How a reason begins where the data are silent
 SOURCES = (
     *NEEDED,
     *("time", "run", "terrain", "entry_angle", "angular_velocity", "velocity", "pitch", "roll", "yaw_rate"),
-    *("motor_current", "motor_temperature", "x", "y", "longitude", "latitude"),
+    *("slip_angle", "motor_current", "motor_temperature", "x", "y", "longitude", "latitude"),
 )
 MOST = 8  # More names than this help nobody
 #: In the name of a column that may be the drawbar pull.

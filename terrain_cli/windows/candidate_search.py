@@ -195,7 +195,7 @@ def _survey(moments: RunningMoments, limits: Limits, penalty: float) -> float:
         bounds, chunk = places.samples[index.T[chosen]], np.nonzero(chosen)[0]
         inside = (chunk[1:] == chunk[:-1]) & (bounds[1:] > bounds[:-1])
         first, last = bounds[:-1][inside], bounds[1:][inside]
-        residuals = _residuals(moments, first, last)
+        residuals = residuals_about(moments, first, last)
         found = correlation_factor(residuals, np.cumsum(last - first)[:-1], 2 * len(first))
         if found <= 1.25 * factor:
             return max(found, factor)
@@ -219,7 +219,7 @@ def _surveyed(moments: RunningMoments) -> tuple[_Places, Index]:
     return places, index + np.searchsorted(places.samples, first * LONG)
 
 
-def _residuals(moments: RunningMoments, first: Index, last: Index) -> Array:
+def residuals_about(moments: RunningMoments, first: Index, last: Index) -> Array:
     """Distances from the lines of the windows [first, last), in standard deviations of the noise."""
     windows = moments.between(first, last)
     slope, _ = line_costs.best_line(windows)

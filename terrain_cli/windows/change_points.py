@@ -4,6 +4,7 @@
 2. `candidate_search`: candidates by exact optimal partitioning of blocks of samples, on cumulative moments.
 3. `merging`: candidates that chance, a load that moves along one line or the model's own misfit
    explain are dropped, and the rest are moved to the very sample.
+   `of_any_modulus`: a k that is not that of the soil bends its line as slip and sinkage change.
 4. `needed`: cuts that something recorded explains go too. A model without an effect that follows the drive
    needs a new soil at every turn. So y is given terms γ1 d + γ2 d² + γ3 d x of a driver d (of the wheel's
    angle: its sine and cosine, by themselves and times x), first those of each window, then such as all share,
@@ -29,7 +30,7 @@ from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.candidate_search import Limits, candidates
-from terrain_cli.windows.merging import LONGEST_BRIDGE, REACH, Criteria, Criterion, Refinement
+from terrain_cli.windows.merging import LONGEST_BRIDGE, REACH, Criteria, Criterion, Refinement, joined
 from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
 
 Breaks = Sequence[int] | NDArray[np.integer]
@@ -90,11 +91,32 @@ def change_points(
     found = [bounds]
     for a, b in pairwise(bounds):
         metres = None if distance is None else np.append(distance[a:b], distance[b - 1])
-        # 2 samples for hundreds, 3 for a thousand, 10 for 10⁵, then `LONG`.
-        length = max(int(0.57 * (b - a + (before if a == 0 else 0)) ** 0.25 + 0.5), 1)
-        block = LONG if length > _LONGEST and b - a >= _LONG_SAMPLES else min(length, _LONGEST)
+        block = _block(b - a, before if a == 0 else 0)
         found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
     return np.unique(np.concatenate(found).astype(np.intp))
+
+
+def _block(n: int, before: int) -> int:
+    """Return the samples of a block: 2 of hundreds, 3 of a thousand, 10 of 10⁵, then `LONG`."""
+    length = max(int(0.57 * (n + before) ** 0.25 + 0.5), 1)
+    return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)
+
+
+def of_any_modulus(
+    lines: Sequence[tuple[Array, Array]], bounds: Bounds, fixed: Index, *, before: int = 0
+) -> Bounds:
+    """Return the bounds that are needed whatever the k of each soil; the `fixed` ones stay.
+
+    `lines` are x and y by several k.
+    """
+    found = [whole_windows(len(lines[0][0]), breaks=fixed)]
+    for a, b in pairwise(found[0]):
+        inner = bounds[(bounds >= a) & (bounds <= b)] - a
+        if len(inner) > 2:
+            here = [(x[a:b], y[a:b]) for x, y in lines]
+            block = _block(b - a, before if a == 0 else 0)
+            found.append(a + joined(here, inner, block, Criterion(_OWN_PENALTY, TOLERANCE)))
+    return np.unique(np.concatenate(found))
 
 
 def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:

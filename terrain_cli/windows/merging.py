@@ -1,13 +1,14 @@
 """Which candidate bounds are changes of soil, and at which sample exactly."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.windows import line_costs
-from terrain_cli.windows.candidate_search import Limits
-from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
+from terrain_cli.windows.candidate_search import Limits, residuals_about
+from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments, correlation_factor
 
 BESIDE = 60  # Samples beside a bound in which a new soil shows
 REACH = 2 * BESIDE  # Samples by which a bound is moved at the most in a round
@@ -203,6 +204,42 @@ class Refinement:
             worth += weight * other[line_costs.W] / (weight + other[line_costs.W])
         worth /= line_costs.noise_across(middle, line_costs.MIDDLE_SLOPE)
         return gain / self._criteria.always.least_gain(middle, worth), cut
+
+
+def joined(lines: Sequence[tuple[Array, Array]], bounds: Index, step: int, criterion: Criterion) -> Index:
+    """Join the windows of a stretch that one line of some k explains as well as two, each of a k of its own.
+
+    `lines` are x and y by several k; the penalty of `criterion` is that of white noise.
+    """
+    moments = [RunningMoments(x, y, step) for x, y in lines]
+    while len(bounds) > 2:
+        windows = np.stack([np.diff(some.before(bounds), axis=1) for some in moments], axis=2)
+        apart, own = _of_the_best(windows)
+        together, shared = _of_the_best(windows[:, :-1] + windows[:, 1:])
+        residuals = np.empty(bounds[-1])
+        for number, some in enumerate(moments):
+            mine = own == number
+            residuals[np.repeat(mine, np.diff(bounds))] = residuals_about(
+                some, bounds[:-1][mine], bounds[1:][mine]
+            )
+        factor = correlation_factor(residuals, bounds[1:-1], 3 * len(own))
+        at = np.arange(len(shared))
+        left, right = windows[:, at, shared], windows[:, at + 1, shared]
+        both = left + right
+        variance = line_costs.noise_across(both, line_costs.MIDDLE_SLOPE)
+        worth = left[line_costs.W] * right[line_costs.W] / both[line_costs.W] / variance
+        raised = replace(criterion, penalty=factor * criterion.penalty)
+        goes = _least_below_one((together - apart[:-1] - apart[1:]) / raised.least_gain(both, worth))
+        if not len(goes):
+            break
+        bounds = np.delete(bounds, goes + 1)
+    return bounds
+
+
+def _of_the_best(windows: Array) -> tuple[Array, Index]:
+    """Return what the best of several lines leaves of each window, and which one that is."""
+    misfit = line_costs.best_line(windows.reshape(line_costs.ROWS, -1))[1].reshape(windows.shape[1:])
+    return misfit.min(axis=1), misfit.argmin(axis=1)
 
 
 def _slopes_of_steps(windows: Array) -> line_costs.Slopes:

@@ -13,6 +13,7 @@ from simulator import (
     constant,
     scatter,
     simulate,
+    steps,
     undulation,
 )
 
@@ -61,6 +62,13 @@ def test_what_only_seems_to_vary_is_held(load):
     assert held(driven(UPLAND_SANDY_LOAM, load, undulation(0.3, 0.5, 9.0, 2))) == steady
     # From sample to sample, as noise does; but the torque follows it.
     assert held(driven(UPLAND_SANDY_LOAM, load, scatter(0.2, 0.1, 0.1, seed=4))) == steady
+
+
+def test_a_slip_that_steps_with_the_load_is_not_held():
+    """By a twentieth: what it varies is within its noise, and sinkage and load step together."""
+    low, high = [(size, 20.0) for size in (70.0, 0.21)], [(size, 40.0) for size in (110.0, 0.2)]
+    load, slip = (steps([first, then]) for first, then in zip(low, high, strict=True))
+    assert held(driven(UPLAND_SANDY_LOAM, load, slip)) == set()
 
 
 def test_so_it_is_where_the_noise_lasts():

@@ -7,11 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
+from simulator import UPLAND_SANDY_LOAM, one_wheel, simulate, undulation
 from simulator.paper import TABLE_II
 from wheel_samples import WHEEL, free, paper
 
+from terrain_cli.effects import find
 from terrain_cli.estimation import estimate_windows
-from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit
+from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit, fitting, window_search
 from terrain_cli.estimation.wheel_fit.fit_data import collect
 from terrain_cli.estimation.wheel_fit.linearised import Problem, equations
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -66,6 +68,44 @@ def test_noise_free_samples_give_the_soil_back_with_k_unknown(slip):
     np.testing.assert_allclose(result.values["sinkage_exponent"], truth.exponent, atol=1e-3)
     assert not any(open_.any() for open_ in result.undetermined.values())
     assert result.torque_rmse.max() < 1e-3
+
+
+def test_a_search_that_ended_at_an_improbable_soil_is_begun_anew(monkeypatch):
+    """There is another valley with the greatest stress far ahead, and keq far too large."""
+    load, slip = undulation(80.0, 0.4, 15.0, 1), undulation(0.15, 1.5, 12.0, 10)
+    drive = one_wheel([(UPLAND_SANDY_LOAM, 30.0)], load=load, slip=slip, noise=0.03, rate=10.0, seed=1)
+    columns = simulate(drive).wheels["wheel"].aligned()
+    channels = {name: columns[name] for name in ("load", "torque", "sinkage", "slip")}
+    effects = tuple(map(find, ("max-stress-angle", "rear-contact")))
+    shape = {"max-stress-angle.c1": Prior(0.4, 0.15), "max-stress-angle.c2": Prior(0.2, 0.2)}
+    options = {"priors": {**shape, "rear-contact.c3": Prior(0.0, 0.2)}, "noise": Noise.equal(0.03)}
+
+    def fitted():
+        bounds = [0, len(columns["slip"])]
+        return fit(Model(effects=effects), GEOMETRY, channels, bounds, local=options["priors"], **options)
+
+    def astray(problem, data, order, begun=None):
+        t = np.array([[-0.3, -0.1, -1.0, 2.4, -0.1, 3.9, -0.3, 1.2]])
+        return window_search.descend(problem, data, t, np.zeros(0), order=order)
+
+    right = fitted()
+    monkeypatch.setattr(fitting, "search", astray)
+    mended = fitted()
+    assert mended.chi2 == pytest.approx(right.chi2, abs=2.0)
+    for name, error in right.errors.items():
+        assert mended.values[name] == pytest.approx(right.values[name], abs=0.1 * error[0]), name
+
+
+def test_a_shear_modulus_far_from_what_rover_toml_says_is_no_sure_result():
+    """Of a k stated to within 5 % that is half of it, c and φ came out wrong, and marked `ok`."""
+    truth = paper(4, 40, 5, 0.3)
+    told = {**PRIORS, "shear_modulus": Prior.factor(0.5 * truth.shear_modulus[0], 1.05)}
+    wrong = run(truth.measured(0, 0.005), truth.bounds, priors=told)
+    right = run(truth.measured(0, 0.005), truth.bounds)
+    assert wrong.bounded["shear_modulus"][0]
+    assert wrong.status[0] == "at-bound"
+    assert not wrong.undetermined["tan_phi"][0]
+    assert not right.bounded["shear_modulus"].any()
 
 
 @pytest.mark.parametrize(

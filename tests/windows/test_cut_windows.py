@@ -69,6 +69,26 @@ def test_what_follows_the_turn_of_the_wheel_is_no_change_of_soil(soils):
     assert (np.abs(after[:, None] - truth) < 3.0).any(axis=1).all()
 
 
+def test_what_follows_the_slip_angle_is_no_change_of_soil():
+    """The wheel slides to either side in turn, and straight on between."""
+    load, slip = undulation(80.0, 0.2, 7.0, seed=3), undulation(0.3, 0.3, 9.0, seed=4)
+    drive = one_wheel(
+        [(DRY_SAND, 120.0)],
+        load=load,
+        slip=slip,
+        noise=0.01,
+        rate=10.0,
+        effects={"side-slip": {"k_growth": 1.2, "lateral": 4.0}},
+        seed=1,
+    )
+    sideways = steps([(0.0, 10.0), (0.4, 10.0), (0.0, 10.0), (-0.4, 10.0)] * 3)
+    drive = replace(drive, slip_angle=sideways, channels=(*drive.channels, "slip_angle"))
+    wheel, _ = samples_of(drive)
+    straight = {name: values for name, values in wheel.channels.items() if name != "slip_angle"}
+    assert len(cuts(replace(wheel, channels=straight))) == 11
+    assert len(cuts(wheel)) == 0
+
+
 SOILS = (DRY_SAND, UPLAND_SANDY_LOAM, WET_CLAYEY_SOIL)
 
 
@@ -109,6 +129,18 @@ def test_a_skid_across_two_soils_is_parted_where_the_sinkage_changes():
     drive = one_wheel(soils, load=undulation(80.0, 0.2, 7.0), slip=slip, noise=0.02, rate=20.0)
     wheel, log = samples_of(drive, model="wong-reece")
     np.testing.assert_allclose(cuts(wheel), log.boundaries, atol=0.06)
+
+
+def test_a_soil_of_another_shear_modulus_is_one_soil():
+    """The k assumed is four times that of a soil, whose line then bends at every step of the slip."""
+    slip = steps([(size, 8.0) for size in (0.25, 0.07, 0.4, 0.12, 0.55)] * 2)
+    load = undulation(80.0, 0.2, 7.0, seed=3)
+    soils = [(UPLAND_SANDY_LOAM, 40.0), (DRY_SAND, 40.0)]
+    wheel, log = samples_of(one_wheel(soils, load=load, slip=slip, noise=0.02, rate=20.0, seed=1))
+    k = 4.0 * UPLAND_SANDY_LOAM.shear_modulus
+    told, sure = (wheel.geometry._replace(shear_modulus=k, shear_modulus_factor=f) for f in (2.0, 1.01))
+    np.testing.assert_allclose(cuts(replace(wheel, geometry=told)), log.boundaries, atol=1.0)
+    assert len(cuts(replace(wheel, geometry=sure))) > 1
 
 
 def test_two_soils_as_strong_are_told_by_their_sinkage():

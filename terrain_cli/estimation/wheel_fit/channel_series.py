@@ -116,7 +116,7 @@ def steadied(data: FitData, second: float) -> FitData:
     """Hold load and slip at their means in the windows in which they only seem to vary.
 
     There they vary no more than noise may (`LargestNoise`), with so many samples in a `second`, and no other
-    channel follows them, given the rest of the inputs.
+    channel follows them, given the rest of the inputs; nor another input, given nothing.
     """
     outputs = {
         name: np.where(data.seen[row], data.measured[row], np.nan)
@@ -136,7 +136,9 @@ def steadied(data: FitData, second: float) -> FitData:
         still = (data.count >= EACH) & (varies <= most)
         for follower, responds in {**given, **outputs}.items() if still.any() else ():
             others = [one for other, one in given.items() if other != follower]
-            still &= ~_follows(responds, column, others, data.bounds)
+            # Where load and sinkage step together, each given the other has nothing left to follow.
+            for beside in [others, []] if follower in given else [others]:
+                still &= ~_follows(responds, column, beside, data.bounds)
         steady[row] = still
     return replace(data, steady=steady)
 

@@ -20,7 +20,7 @@ from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS, SLOW, lasting_squares
 from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
 from terrain_cli.estimation.wheel_fit.posterior import Posterior
-from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+from terrain_cli.estimation.wheel_fit.unknowns import FAR, Unknown, Unknowns
 from terrain_cli.mechanics.dual import value
 from terrain_cli.mechanics.wheel_model import Model, Prediction
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
@@ -266,7 +266,7 @@ def parameters(
             at_bound = at_bound | found.at_bound[:, column]
             told[name] = (width[:, column] < SURELY_TOLD) & known
             # Of what the data do not tell, they do not tell that either.
-            bounded[name] = at_bound & told[name]
+            bounded[name] = (at_bound | (np.abs(there) > FAR)) & told[name]
         undetermined[name] = (found.wide[:, column] > LARGEST_OPEN) | at_bound | ~known
         if name in soil:
             values[name] = unknown.value(there) * blank

@@ -28,6 +28,9 @@ DEFAULT: dict[str, Prior] = {
     "stiffness": Prior.factor(1.4e6, 3.0),
     "sinkage_exponent": Prior(0.9, 0.3),
 }
+#: Prior standard deviations from the prior mean beyond which no soil is known: c above 22 kPa, k sixteen
+#: times that of rover.toml. Judged.
+FAR = 4.0
 #: Largest step of one iteration, in the unit sought (a logarithm of k, keq).
 _STEPS = {"cohesion": 1e4, "tan_phi": 0.5, "shear_modulus": 1.0, "stiffness": 2.0, "sinkage_exponent": 0.3}
 

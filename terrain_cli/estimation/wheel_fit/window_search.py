@@ -28,7 +28,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
-from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+from terrain_cli.estimation.wheel_fit.unknowns import FAR, Unknowns
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Samples of each window, and steps, that tell which beginning is best.
@@ -36,9 +36,6 @@ _TRIED, _ROUGHLY = 12, 6
 #: Mean square of the residuals, in terms of the noise, from which on another beginning may lead lower.
 _HOPELESS = 100.0
 _USELESS = 1.01  # Standard deviation, in that of the prior, from which on the prior alone knows more
-#: Prior standard deviations from the prior mean beyond which no soil is known: c above 22 kPa, k sixteen
-#: times that of rover.toml. Judged.
-_FAR = 4.0
 #: Times that the noise of a window is raised, the first ones together with all that shares something
 #: with it, and by how much at least: in the end no more is known than beforehand.
 _ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
@@ -74,7 +71,8 @@ def mend(
     """
     unknowns = problem.unknowns
     missed = found.misfit > _HOPELESS * np.maximum(found.dof, 1.0)
-    lost = (data.count > 0) & (~state.converged | found.at_bound.any(axis=1) | missed)
+    far = np.linalg.norm(found.t, axis=1) > FAR
+    lost = (data.count > 0) & (~state.converged | found.at_bound.any(axis=1) | missed | far)
     if lost.any():
         at = np.flatnonzero(lost | bool(unknowns.shared))
         part = data.only(at)
@@ -122,7 +120,7 @@ def _useless(found: Posterior, *, tempered: bool) -> Mask:
     """Tell where the model misses, and ends at no known soil or, if asked for, knows less than the priors."""
     missed = found.inflation > MISSED
     if not tempered:
-        return np.asarray(np.any(np.abs(found.t) > _FAR, axis=1) & missed)
+        return np.asarray(np.any(np.abs(found.t) > FAR, axis=1) & missed)
     whole = covariance(found.own, found.gain, found.shared)
     variance = np.einsum("waa->wa", whole)[:, : found.t.shape[1]]
     return np.asarray(np.any(~(variance <= _USELESS**2), axis=1) & missed)
