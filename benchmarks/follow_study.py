@@ -30,7 +30,8 @@ from soil_drives import (  # noqa: E402 - found through the path above
 from benchmarks.published import publish  # noqa: E402 - found through the path above
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE  # noqa: E402 - as above
 from terrain_cli.windows import online_cuts  # noqa: E402 - as above
-from terrain_cli.windows.change_points import change_points, needed, sinkage_changes  # noqa: E402 - as above
+from terrain_cli.windows.change_points import change_points, needed  # noqa: E402 - as above
+from terrain_cli.windows.sinkage_changes import sinkage_changes  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "follow_study.txt"
 KINDS = [

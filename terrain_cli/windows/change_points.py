@@ -30,7 +30,7 @@ from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.candidate_search import Limits, candidates
-from terrain_cli.windows.merging import LONGEST_BRIDGE, REACH, Criteria, Criterion, Refinement, joined
+from terrain_cli.windows.merging import Criteria, Criterion, Refinement, joined
 from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
 
 Breaks = Sequence[int] | NDArray[np.integer]
@@ -48,7 +48,7 @@ _LONGEST, _LONG_SAMPLES = 15, 1 << 14
 _FEWEST = 6  # Fewer samples than this are not searched: they tell nothing of their noise
 #: Of bounds between five numbers instead of two, chance gains this as rarely (χ², five degrees of freedom).
 #: By as much the place of a bound must be better than that by the line alone.
-_OWN_PENALTY = 33.0
+OWN_PENALTY = 33.0
 _RIDGE = 1e-10  # Share of its trace that is added to a matrix, lest a constant load make it singular
 
 
@@ -115,7 +115,7 @@ def of_any_modulus(
         if len(inner) > 2:
             here = [(x[a:b], y[a:b]) for x, y in lines]
             block = _block(b - a, before if a == 0 else 0)
-            found.append(a + joined(here, inner, block, Criterion(_OWN_PENALTY, TOLERANCE)))
+            found.append(a + joined(here, inner, block, Criterion(OWN_PENALTY, TOLERANCE)))
     return np.unique(np.concatenate(found))
 
 
@@ -147,7 +147,7 @@ def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: 
     each = [terms for d in drivers if (terms := _terms(d, line))]
     # What a driver does may be another thing on each soil.
     left = Lines([line], (), level, bounds).left()
-    own = [_saved(Lines([line, *terms], (), level, bounds), left, fixed, _OWN_PENALTY) for terms in each]
+    own = [_saved(Lines([line, *terms], (), level, bounds), left, fixed, OWN_PENALTY) for terms in each]
     saved, joined = max(own, key=itemgetter(0), default=(0.0, bounds))
     bounds = joined if saved > 0.0 else bounds
     shared: list[Array] = []
@@ -215,7 +215,7 @@ class Lines:
 
     def left(self) -> float:
         """Return the sum of squares that lines and terms leave."""
-        return float(_left(self.without_own(self.moments()).sum(axis=0)))
+        return float(sum_left(self.without_own(self.moments()).sum(axis=0)))
 
     def scatter(self, moments: Array) -> float:
         """Return the long-run variance of the residuals."""
@@ -240,7 +240,7 @@ def _joined(lines: Lines, plain: float, fixed: Index, penalty: float) -> tuple[B
     total = reduced.sum(axis=0)
     while len(moments) > 1:
         pairs = lines.without_own(moments[:-1] + moments[1:])
-        gain = (_left(total - reduced[:-1] - reduced[1:] + pairs) - _left(total)) / unit
+        gain = (sum_left(total - reduced[:-1] - reduced[1:] + pairs) - sum_left(total)) / unit
         gain[np.isin(bounds[1:-1], fixed)] = np.inf
         # Of neighbours the one that gains less goes first: without it the other may be needed.
         ends = np.concatenate([[np.inf], gain, [np.inf]])
@@ -252,7 +252,7 @@ def _joined(lines: Lines, plain: float, fixed: Index, penalty: float) -> tuple[B
         bounds = np.append(bounds[:-1][stays], bounds[-1])
         reduced = lines.without_own(moments)
         total = reduced.sum(axis=0)
-    return bounds, float(_left(total) - plain) / unit
+    return bounds, float(sum_left(total) - plain) / unit
 
 
 def solved(moments: Array) -> Array:
@@ -262,7 +262,7 @@ def solved(moments: Array) -> Array:
     )
 
 
-def _left(moments: Array) -> Array:
+def sum_left(moments: Array) -> Array:
     """Return the sum of squares that lines and shared terms leave."""
     return np.asarray(moments[..., -1, -1] - np.sum(moments[..., :-1, -1] * solved(moments), axis=-1))
 
@@ -271,148 +271,3 @@ def _regular(matrices: Array) -> Array:
     size = matrices.shape[-1]
     trace = np.asarray(np.trace(matrices, axis1=-2, axis2=-1), float)[..., None, None]
     return np.asarray(matrices + _RIDGE * (trace + np.finfo(float).tiny) * np.eye(size), float)
-
-
-#: Share of the logarithms that stands in for a strength: lines that differ by 5 and 8 % are sinkages that
-#: differ by 15 and 24 %. In 164 drives over one soil neither a third nor a half nor the whole made a false
-#: cut. The line finds 237 of 384 changes between two soils, each of the three 376; false cuts are 89 by the
-#: line, and 96, 109 and 102.
-_SINKAGE_SHARE = 1.0 / 3.0
-#: Samples and metres of such a soil at least: what is shorter is uneven ground. Where the sinkage rises and
-#: falls by 42 % in 0.35 m on one line, 10 samples and 0.1 m made 171 cuts, 60 samples and 0.3 m or more none.
-_SINKAGE_SAMPLES, _SINKAGE_METRES = 60, 0.5
-#: Samples of a block that tell how the sinkage follows load and slip. In 458 drives 32, 64 and 128 found all
-#: of 146 changes; in 32 drives, cut as they arrived, 64, 128, 256 and 512 made 6, 1, 1 and 1 false cuts.
-_SINKAGE_BLOCK = 128
-#: Shares of the median below which a logarithm would tell of noise alone.
-_LEAST_LOAD, _LEAST_SINKAGE = 0.2, 0.05
-
-
-def sinkage_changes(
-    load: Array,
-    sinkage: Array,
-    slip: Array,
-    drivers: Sequence[Array],
-    bounds: Bounds,
-    *,
-    distance: Array | None,
-    min_samples: int,
-    min_distance: float,
-    before: int = 0,
-) -> Bounds:
-    """Cut windows further where the sinkage under a load changes, and `drivers` do not explain it.
-
-    A wheel sinks as z ∝ W^m (m = 2 / (2 n + 1), Bekker 1969), which is a line in logarithms: the search is
-    that for the line of a soil. What the sinkage of each window follows of load and slip is taken off first.
-    Where an array is not known everywhere, nothing is cut.
-    """
-    line = _in_logarithms(load, sinkage, slip, bounds)
-    if line is None:
-        return bounds
-    inner: Index = bounds[1:-1]
-    found = change_points(
-        *line,
-        breaks=inner,
-        distance=distance,
-        min_samples=max(min_samples, _SINKAGE_SAMPLES),
-        min_distance=max(min_distance, _SINKAGE_METRES),
-        before=before,
-    )
-    return needed(*line, drivers, found, inner)
-
-
-def _in_logarithms(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> tuple[Array, Array] | None:
-    """Return the coordinates of a line of slope 1 in each window; None where something is not known."""
-    known = _logarithms(load, sinkage, slip)
-    if known is None:
-        return None
-    weight, depth = known
-    # A change of soil is a step, which hardly shows within a block.
-    blocks = np.unique(np.concatenate([bounds, np.arange(0, len(load), _SINKAGE_BLOCK)]))
-    terms = [weight, slip, slip**2, slip * weight]
-    line, *others, level = (column - _mean(column, blocks) for column in (*terms, depth))
-    # Their means are 0 already: of the moments those with 1 are left out.
-    found = solved(Lines([line], others, level, bounds).moments()[:, 1:, 1:])
-    for own, term in zip(found.T, terms, strict=True):
-        depth -= np.repeat(own, np.diff(bounds)) * term
-    return 1.0 + _SINKAGE_SHARE * weight, 1.0 + _SINKAGE_SHARE * (weight + depth - _mean(depth, bounds))
-
-
-def _logarithms(load: Array, sinkage: Array, slip: Array) -> tuple[Array, Array] | None:
-    """Return logarithms of load and sinkage over what is usual; None where something is not known."""
-    if not all(np.isfinite(column).all() for column in (load, sinkage, slip)) or not len(load):
-        return None
-    usual_load, usual_sinkage = float(np.median(load)), float(np.median(sinkage))
-    if usual_load <= 0.0 or usual_sinkage <= 0.0 or np.ptp(sinkage) == 0.0:
-        return None
-    weight = np.log(np.maximum(load / usual_load, _LEAST_LOAD))
-    return weight, np.log(np.maximum(sinkage / usual_sinkage, _LEAST_SINKAGE))
-
-
-def placed(
-    line: tuple[Array, Array],
-    wheel: tuple[Array, Array, Array],
-    bounds: Bounds,
-    fixed: Index,
-    *,
-    distance: Array | None,
-    min_samples: int,
-    min_distance: float,
-) -> Bounds:
-    """Move bounds that are not `fixed` to the best sample near them, if that is better beyond chance.
-
-    The line alone places a bound badly where an error of the slip or the load bends it. What counts is the
-    sum of squares, in units of the noise, that lines on either side leave of y over x, and of the logarithm
-    of the sinkage over that of the load and the slip. Of the `wheel` these are load, sinkage and slip.
-    """
-    known = _logarithms(*wheel)
-    if known is None:
-        return bounds
-    tables = np.stack(line), np.stack([known[0], wheel[2], known[1]])
-    driven = None if distance is None else np.append(distance, distance[-1])
-    limits = Limits(min_samples, min_distance, driven)
-    bounds = bounds.copy()
-    for place in np.flatnonzero(~np.isin(bounds[1:-1], fixed)) + 1:
-        before, here, after = bounds[place - 1 : place + 2]
-        first, last = max(before, here - LONGEST_BRIDGE), min(after, here + LONGEST_BRIDGE)
-        cuts = np.arange(max(first + 1, here - REACH), min(last, here + REACH + 1))
-        cuts = cuts[(cuts == here) | (limits.met(before, cuts) & limits.met(cuts, after))]
-        cost = np.sum([_two_lines(table[:, first:last], cuts - first) for table in tables], axis=0)
-        if cost[cuts == here] - cost.min() > _OWN_PENALTY:
-            bounds[place] = cuts[cost.argmin()]
-    return bounds
-
-
-def placed_by_sinkage(
-    wheel: tuple[Array, Array, Array], bounds: Bounds, changes: Index, earliest: Index
-) -> Index:
-    """Move each of some `changes` among `bounds` to where, from an earliest place on, the sinkage changes.
-
-    Between the two no sample has a line. Of the `wheel` the arrays are load, sinkage and slip, shape (n,).
-    """
-    known, found = _logarithms(*wheel), changes.copy()
-    if known is None:
-        return found
-    table = np.stack([known[0], wheel[2], known[1]])
-    for place in np.flatnonzero(earliest < changes):
-        low, here = earliest[place], changes[place]
-        at = np.searchsorted(bounds, here)
-        first, last = max(bounds[at - 1], low - LONGEST_BRIDGE), min(bounds[at + 1], here + LONGEST_BRIDGE)
-        cuts = np.arange(max(low, first + 1), here + 1)
-        found[place] = cuts[_two_lines(table[:, first:last], cuts - first).argmin()]
-    return found
-
-
-def _two_lines(table: Array, cuts: Index) -> Array:
-    """Return what lines before and from each cut leave of the last row, in units of the noise's variance."""
-    rows = np.concatenate([np.ones((1, table.shape[1])), table - table.mean(axis=1, keepdims=True)])
-    sums = np.cumsum(np.einsum("an,bn->nab", rows, rows), axis=0)
-    left = sums[cuts - 1]
-    squares = _left(left) + _left(sums[-1] - left)
-    return np.asarray(squares * (table.shape[1] - 2 * len(table)) / max(float(squares.min()), 1e-300))
-
-
-def _mean(column: Array, bounds: Bounds) -> Array:
-    """Return at each sample the mean of its window."""
-    sizes = np.diff(bounds)
-    return np.repeat(np.add.reduceat(column, bounds[:-1]) / sizes, sizes)

@@ -23,11 +23,9 @@ from terrain_cli.windows.change_points import (
     change_points,
     needed,
     of_any_modulus,
-    placed,
-    placed_by_sinkage,
-    sinkage_changes,
     whole_windows,
 )
+from terrain_cli.windows.sinkage_changes import placed, placed_by_sinkage, sinkage_changes
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
 #: kept of one at least.

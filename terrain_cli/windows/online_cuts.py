@@ -15,8 +15,9 @@ import numpy as np
 
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
-from terrain_cli.windows.change_points import change_points, needed, sinkage_changes
+from terrain_cli.windows.change_points import change_points, needed
 from terrain_cli.windows.cut_windows import NEAR, drives
+from terrain_cli.windows.sinkage_changes import sinkage_changes
 
 HORIZON = 2048  # Samples that are searched: what is further back does not move a bound any more
 #: Samples behind a bound that make it final, twice those in which a new soil must show (`merging.BESIDE`).

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from terrain_cli.windows import online_cuts
-from terrain_cli.windows.change_points import placed, sinkage_changes
 from terrain_cli.windows.online_cuts import OnlineCuts
+from terrain_cli.windows.sinkage_changes import placed, sinkage_changes
 
 N, RATE = 3000, 20.0
 HALF = N // 2
