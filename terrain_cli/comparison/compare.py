@@ -61,7 +61,8 @@ def needed_segments(windows: Windows, file: ModelFile) -> Windows:
     (fitted,), told = on_few_soils([windows], file.model, FitSettings.of([windows], file))
     if len(fitted.windows) == len(windows):
         return windows
-    windows.samples.remarks += told[-1:]
+    remarks = windows.samples.remarks
+    remarks += [one for one in told[-1:] if one not in remarks]
     return unbroken(windows)
 
 
