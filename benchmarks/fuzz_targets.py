@@ -8,6 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -83,16 +85,25 @@ def define(text: str, *, idl: bool) -> None:
         MessageDefinitionFormat,
     )
 
-    from formats.rosbag.decoder import UndecodableError, decoded
-    from formats.rosbag.definitions import UnusableError
+    from formats.rosbag.decoder import UndecodableError, columns
+    from formats.rosbag.definitions import FieldRequest, UnusableError
     from formats.rosbag.definitions import define as find
+    from formats.rosbag.storage.raw_messages import Messages
 
     kind = MessageDefinitionFormat.IDL if idl else MessageDefinitionFormat.MSG
     ext = ConnectionExtRosbag2("cdr", [])
     connection = Connection(1, "/a", "a/msg/B", MessageDefinition(kind, text), "", 1, ext, None)
+    payload, first = b"\0\1\0\0" + bytes(range(200)), np.zeros(1, dtype=np.intp)
+    message = Messages(payload, first, first + len(payload), first, first)
     for ros1 in (False, True):
         with suppress(UnusableError, UndecodableError):
-            decoded(find(connection, ros1=ros1), b"\0\1\0\0" + bytes(range(200)))
+            definition = find(connection, ros1=ros1)
+            every = ((leaf, leaf.kind.endswith("s")) for leaf in definition.leaves.values())
+            asked = [
+                FieldRequest(leaf.name, leaf.name, leaf.kind.removesuffix("s"), 0 if several else None)
+                for leaf, several in every
+            ]
+            columns(definition, message, asked)
 
 
 def targets() -> dict[str, tuple[Target, list[bytes]]]:

@@ -24,7 +24,7 @@ def logs(tmp_path_factory):
 @pytest.fixture(scope="module", autouse=True)
 def tried_once():
     """Try the one change of these tests once on each log, and with each share kept aside."""
-    known, tried = {}, improvement.tried
+    known, tried = {}, improvement.tried_in_forms
 
     def again(wheels, *args, **options):
         key = tuple((one.samples.source, kept_aside.number([one.samples])) for one in wheels)
@@ -33,7 +33,7 @@ def tried_once():
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(improvement, "tried", again)
+        patch.setattr(improvement, "tried_in_forms", again)
         yield
 
 

@@ -106,7 +106,8 @@ class FittedWheel:
         astray = ratio >= criteria.ASTRAY or not self.ordered or lost
         levels = {name: level.deviation for name, level in self.noise.items()}
         sizes = self._sizes()
-        if not astray and not residual_noise.worst(sizes, levels) > criteria.NOTICED:
+        before = residual_noise.worst(sizes, levels)
+        if not astray and not before > criteria.NOTICED:
             return
         data = self.least_squares_data()
         t, common = self.beginning()
@@ -122,10 +123,7 @@ class FittedWheel:
         self.parameters.update(smoothed_fit.parameters(solution))
         after = self._sizes()
         worse = self.ordered and all(size >= sizes[name] for name, size in after.items())
-        others = {name: level.deviation for name, level in self.noise.items()}
-        if (not astray and not residual_noise.is_better(after, sizes, (levels, others))) or (
-            worse and not lost
-        ):
+        if (not astray and residual_noise.worst(after, levels) >= before) or (worse and not lost):
             self._forget()
             self.fit, self.parameters = first
 

@@ -12,7 +12,7 @@ from terrain_cli.comparison import distributions
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from terrain_cli.vocabulary.arrays import Array, Index
 
@@ -256,18 +256,6 @@ def of_neighbours(residual: Array, group: Index, drivers: Array) -> float:
     off = between(group, drivers).off(residual)
     off = off[np.isfinite(off)]
     return float(np.sqrt(np.mean(off**2))) if len(off) >= criteria.POINTS_BETWEEN else np.nan
-
-
-def is_better(
-    after: Mapping[str, float], before: Mapping[str, float], noises: Sequence[Mapping[str, float]]
-) -> bool:
-    """Tell whether the worst channel of a fit is better than that of another; sizes are mean squares.
-
-    The noise that slip and load bring into a prediction grows with its slopes: a soil that makes too little
-    of them has too little noise too. So a channel is measured by the larger noise of both fits.
-    """
-    levels = {name: max(noise[name] for noise in noises) for name in before}
-    return worst(after, levels) < worst(before, levels)
 
 
 def worst(sizes: Mapping[str, float], levels: Mapping[str, float]) -> float:

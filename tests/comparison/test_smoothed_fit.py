@@ -12,7 +12,6 @@ from known_misfits import Kind, samples_of
 from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.comparison.residual_noise import is_better
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.cut_windows import cut
@@ -88,15 +87,6 @@ def test_what_windows_share_has_one_value_and_one_error(wheel, solution):
         own = np.sqrt(fit.covariance[:, column, column])
         np.testing.assert_allclose(own, np.sqrt(fit.shared_covariance[place, place]))
         assert fit.shared_errors[unknown.name] == pytest.approx(own[0])
-
-
-def test_a_fit_is_judged_by_the_larger_noise_of_both():
-    """Of a small rover on three soils: the first fit had made the torque too flat, its noise too small."""
-    first, second = {"torque": 2.78**2, "sinkage": 0.306**2}, {"torque": 2.93**2, "sinkage": 0.260**2}
-    noises = {"torque": 2.47, "sinkage": 0.265}, {"torque": 2.93, "sinkage": 0.260}
-    assert is_better(second, first, noises)
-    assert not is_better(first, second, noises)
-    assert not is_better({"torque": 3.4**2, "sinkage": 0.260**2}, first, noises)
 
 
 def test_what_the_data_leave_open_is_of_the_fit_that_took_the_place(wheel, solution):

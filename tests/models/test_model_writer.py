@@ -23,7 +23,7 @@ def files(draw):
     names = draw(st.lists(st.sampled_from(list(effects.NAMES)), unique=True, max_size=4))
     file = models.build("wong-reece", names)
     known = list(file.units)
-    far = {name: choices.EFFECT_SCALES * p.scale for name, p in file.model.parameters.items()}
+    far = {name: choices.MOST_SCALES * p.scale for name, p in file.model.parameters.items()}
     bounds = choices.SOIL_BOUNDS | {
         name: (max(p.lower, p.null - far[name]), min(p.upper, p.null + far[name]))
         for name, p in file.model.parameters.items()
