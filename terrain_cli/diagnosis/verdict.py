@@ -108,7 +108,10 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     if doubtful:
         better = f" Not credible: {listed([named[name] for name in doubtful])}.{better}"
     if diagnosis.together:
-        return _together(diagnosis, told, others, better)
+        worse = {one.effect for one in diagnosis.candidates if one.explained <= 0.0}
+        alone = {first.effect: told, **{name: named[name] for name in named if name not in doubtful}}
+        alone = {name: text for name, text in alone.items() if name not in worse}
+        return _together(diagnosis, told, [*alone.values()], better)
     if others:
         return f"Possible causes: {listed([told, *others], 'or')}; these data cannot tell which.{better}"
     if doubtful:
@@ -122,8 +125,8 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     return f"Probable cause: {told}, but {doubt}.{better}"
 
 
-def _together(diagnosis: Diagnosis, told: str, others: Sequence[str], doubtful: str) -> str:
-    """Say what two effects explain, and what any does alone; `told` is of the best of these."""
+def _together(diagnosis: Diagnosis, told: str, alone: Sequence[str], doubtful: str) -> str:
+    """Say what two effects explain, and which does anything `alone`; `told` is of the best single one."""
     if diagnosis.family[0] == STRESSES == diagnosis.together[0]:
         both = (
             f"{told} together with {listed(diagnosis.family[1:], 'or')} explain more than any effect alone."
@@ -136,8 +139,9 @@ def _together(diagnosis: Diagnosis, told: str, others: Sequence[str], doubtful: 
         both += f" So may {pairs}: these data cannot tell which."
     if {*diagnosis.together} == {*diagnosis.family}:
         return both
-    are = "s are" if others else " is"
-    return f"{both} The best single effect{are} {listed([told, *others])}.{doubtful}"
+    are = "s are" if len(alone) > 1 else " is"
+    single = f" The best single effect{are} {listed(alone)}." if alone else ""
+    return f"{both}{single}{doubtful}"
 
 
 def _nothing(diagnosis: Diagnosis, seen: str) -> str:

@@ -111,3 +111,5 @@ def test_beside_a_pair_the_best_single_effects_are_named():
         "Gear-efficiency and slope together explain more than any effect alone. "
         "The best single effects are gear-efficiency and crust."
     )
+    log.candidates[0].explained = 0.0
+    assert verdict.sentence(log, []).endswith("than any effect alone. The best single effect is crust.")
