@@ -19,12 +19,12 @@ def against(first: Comparison, second: Comparison) -> list[Difference]:
     names = both_predict(first, second)
     sums, _ = paired_sums(first, second, names)
     known = [(name, sums[:, column]) for column, name in enumerate(names) if sums[:, column, 2].any()]
-    return [*(_error(*one) for one in known), *between_soils(first, second)]
+    return [*(_error(*one) for one in known), *between_soils(paired_soils(first, second))]
 
 
-def between_soils(first: Comparison, second: Comparison) -> list[Difference]:
+def between_soils(pairs: Iterable[tuple[Soils, Soils]]) -> list[Difference]:
     """Tell how c and φ of every segment differ with a second model."""
-    return [one for both in paired_soils(first, second) for one in _soil(*both)]
+    return [one for both in pairs for one in _soil(*both)]
 
 
 def paired_soils(first: Comparison, second: Comparison) -> list[tuple[Soils, Soils]]:

@@ -66,8 +66,7 @@ def diagnose(
         pair_is_best=two.is_best,
         on_full_stresses=tuple(one.id for one, _ in full),
     )
-    anew = ranked.anew if ranked.several and ranked.several[0] is ranked.lowest else ()
-    listed = table_of(ranked.log, ranked.base, ranked.several, decision.family, anew)
+    listed = table_of(ranked.log, ranked.base, ranked.several, decision.family, ranked.first_anew)
     heldout = as_it_is(ranked.log)
     if decision.verdict == "effect" and leaves_much(log.comparison, heldout, listed[0]):
         # As much is left for another effect, which may be all there is.

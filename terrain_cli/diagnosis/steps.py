@@ -63,6 +63,11 @@ class Ranked:
         return [refits.fitted_anew(wheel, self.lowest[0]) for wheel in self.data.wheels if self.lowest]
 
     @property
+    def first_anew(self) -> list[FittedWheel]:
+        """The same of the first one, where that is known."""
+        return self.anew if self.several and self.several[0] is self.lowest else []
+
+    @property
     def taken(self) -> float:
         """What the best effect takes off the held-out loss."""
         return float((self.base.loss - self.best.loss).sum())

@@ -109,7 +109,10 @@ def tried_in_forms(
     wheels: Sequence[Windows], action: Action, change: Changed, before: ModelFile, **options: Any
 ) -> Step:
     """Try a change of a model in each form of its effects, as `tried` does; return what predicts best."""
-    steps = [tried(wheels, action, change.ids, before, file, **options) for file in models.in_forms(change)]
+    steps: list[Step] = []
+    for file in models.in_forms(change):
+        steps.append(tried(wheels, action, change.ids, before, file, **options))
+        options["first"] = steps[0].compared_before
     return min(steps, key=lambda step: (not step.pays, step.evidence.overall.value))
 
 
