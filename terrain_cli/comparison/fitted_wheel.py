@@ -24,7 +24,7 @@ from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.fit_result import at_end
-from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns, unknowns
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns, present, unknowns
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.cut_windows import Windows, at_rows, by_terrain
@@ -111,8 +111,12 @@ class FittedWheel:
             return
         data = self.least_squares_data()
         t, common = self.beginning()
-        # That fit can have gone astray in what is common too: none of its effects is where others begin.
-        starts = product((t, None), (common, np.zeros_like(common)) if len(common) else (common,))
+        # That fit can have gone astray in what is common too: others begin with none of its effects, or with
+        # all of them in every shape that is tried.
+        none = np.zeros_like(common)
+        shaped = any(unknown.own and unknown.own.shape for unknown in self.sought.shared)
+        there = present(self.sought, none, self.channels, smoothed_fit.PRESENT) if shaped else ()
+        starts = product((t, None), (common, none, *there) if len(common) else (common,))
         first = (self.fit, dict(self.parameters))
         solution = smoothed_fit.search(self.model, self.sought, data, starts)
         for _ in range(_WEIGHED if not self.ordered else 0):

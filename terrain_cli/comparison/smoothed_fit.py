@@ -29,6 +29,7 @@ _ITERATIONS, _ROUNDS = 24, 2
 #: one that does not fall raises it, twice as much each time (Madsen, Nielsen & Tingleff 2004, section 3.2).
 _DAMPING, _EASED, _HARDER = 1e-3, 1.0 / 3.0, 2.0
 _ROUGH = 400  # Samples of a window with which a search is begun
+PRESENT = 0.3  # Typical sizes from its null at which an effect is there where a search begins with it
 _CARRIED = 3  # Times that a neutral soil's stiffness is corrected
 #: Fall of the cost that the next step promises, as a share, at which the search is over; and at which the
 #: beginning is known that leads lowest.

@@ -1,7 +1,7 @@
 """Refits: models with something added, fitted to all of the data, and their held-out predictions."""
 
 import copy
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -24,7 +24,7 @@ from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
-from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, unknowns
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.joined_inputs import with_inputs
 
@@ -239,7 +239,9 @@ def _solved(
         begun = [_from(several, sought, part.windows) for several in places]
         return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
-    shared = list(_beginnings(sought, common, hypothesis, wheel.channels))
+    names = hypothesis.parameters if any(p.shape for p in hypothesis.parameters.values()) else ()
+    there = present(sought, common, wheel.channels, smoothed_fit.PRESENT, names)
+    shared = [*there] or [common]
     # Where nothing is new but an effect, which is absent there, the neutral soil is that of the base.
     same = not hypothesis.priors and all(one is common for one in shared)
     neutral = _from([data.neutral[index]], sought, part.windows)[0] if same else None
@@ -257,26 +259,6 @@ def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[
         shared.get(u.name, float(np.mean(local[u.name])) if u.name in local else 0.0) for u in sought.shared
     ]
     return np.stack(t, axis=1) if t else np.zeros((windows, 0)), np.array(common)
-
-
-def _beginnings(
-    sought: Unknowns, common: Array, hypothesis: Hypothesis, channels: Mapping[str, Array]
-) -> Iterator[Array]:
-    there = {u.name for u in sought.shared}
-    shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape and name in there}
-    if not shapes:
-        yield common
-        return
-    for values in product(*(p.tried([channels]) for p in shapes.values())):
-        at = dict(zip(shapes, values, strict=True))
-        begun = common.copy()
-        for j, unknown in enumerate(sought.shared):
-            p = unknown.own
-            if p is None or unknown.name not in hypothesis.parameters:
-                continue
-            value = at.get(unknown.name, p.null + 0.3 * p.scale)
-            begun[j] = (np.clip(value, p.lower, p.upper) - unknown.mean) / unknown.sd
-        yield begun
 
 
 def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Array, dict[str, Array]]:

@@ -1,13 +1,18 @@
 """Effects with a parameter that only shapes them: found in whichever shape nature has."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_drives import Kind, Rover, sized, windows_of
-from simulator import DRY_SAND, Wheel
+from simulator import DRY_SAND, SOILS, Wheel
 
 from terrain_cli import effects
 from terrain_cli.diagnosis import diagnose
-from terrain_cli.models import ModelFile
+from terrain_cli.effects import catalogue
+from terrain_cli.improvement.change_trial import fitted
+from terrain_cli.models import ModelFile, added
+from terrain_cli.windows.joined_inputs import by_wheel
 
 SEED = 42000011
 
@@ -46,6 +51,20 @@ def test_a_firm_layer_is_found_under_a_larger_wheel():
     found = diagnose(drive, ModelFile(), effects=among)
     assert (found.verdict, found.effect) == ("effect", "hardpan")
     assert found.candidates[0].sizes["top"].value == pytest.approx(0.02, abs=5e-4)
+
+
+def test_a_firm_layer_lowers_the_printed_error_where_the_fitted_soil_hides_it():
+    # Without the layer the exponent of sinkage is 1.3 here, from which no step leads to a layer.
+    soil = replace(SOILS["Rubicon sandy loam"], shear_modulus=0.03)
+    rover = Rover(wheel=Wheel(radius=0.073, width=0.06), load=30.0, speed=0.03, soils=(soil, soil))
+    hidden = sized("hardpan", rover=rover)
+    wheels = by_wheel(windows_of(SEED, Kind(hidden, share=0.01, rover=rover), "none"), catalogue().values())
+    ratios = {}
+    for name, file in {"without": ModelFile(), "with": added(ModelFile(), ["hardpan"], 0.018).file}.items():
+        comparison = fitted(wheels, file)
+        ratios[name] = comparison.channels["sinkage"].heldout_rmse / comparison.channels["sinkage"].noise
+    assert ratios["without"] > 1.1
+    assert ratios["with"] < 1.05
 
 
 def test_shapes_are_tried_within_what_the_drive_reaches():

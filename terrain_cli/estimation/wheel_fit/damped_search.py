@@ -23,6 +23,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     newton,
 )
 from terrain_cli.estimation.wheel_fit.linearised import Problem
+from terrain_cli.estimation.wheel_fit.unknowns import present
 from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.arrays import Array
 
@@ -59,24 +60,14 @@ def others(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
         yield carried(problem, data, inside(problem.unknowns.local, t), common)
 
 
-def with_effects(problem: Problem, common: Array) -> Iterator[Array]:
+def with_effects(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
     """Yield beginnings at which the effects that windows share are there, shape (q,).
 
     A search that begins without them may end in another valley: the shape of the contact, sought in every
-    window, takes the place of bulldozing, and of what only shapes an effect the data then say nothing. The
-    effects are present on those sides of their null value on which nature has them.
+    window, takes the place of bulldozing, and of what only shapes an effect the data then say nothing.
     """
     for side in (1, -1):
-        begun = common.copy()
-        for j, unknown in enumerate(problem.unknowns.shared):
-            own = unknown.own
-            if own is None or own.shape:
-                continue
-            present = own.null + side * _PRESENT * own.scale
-            natural = side * own.side >= 0 and own.lower <= present <= own.upper
-            begun[j] = (present - unknown.mean) / unknown.sd if natural else common[j]
-        if np.any(begun != common):
-            yield begun
+        yield from present(problem.unknowns, common, data.channels, side * _PRESENT)
 
 
 def carried(problem: Problem, data: FitData, t: Array, common: Array) -> Array:

@@ -4,8 +4,9 @@ Positive parameters are sought by their logarithm. Every unknown is counted from
 prior standard deviations, so that all are numbers of order one and the prior's information is 1.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -135,3 +136,35 @@ def unknown(
         step=step / sd,
         own=own,
     )
+
+
+def present(
+    sought: Unknowns,
+    common: Array,
+    channels: Mapping[str, Array],
+    size: float,
+    among: Collection[str] | None = None,
+) -> Iterator[Array]:
+    """Yield beginnings at which effects are there, shape (q,), in every shape of them that is tried.
+
+    They are `size` typical sizes from their null values, as far as nature has them on that side; by default
+    all that windows share, else those `among` which their parameters are.
+    """
+    every = [
+        (j, unknown, unknown.own)
+        for j, unknown in enumerate(sought.shared)
+        if unknown.own and (among is None or unknown.name in among)
+    ]
+    begun = common.copy()
+    for j, unknown, own in every:
+        value = own.null + size * own.scale
+        if not own.shape and size * own.side >= 0.0 and own.lower <= value <= own.upper:
+            begun[j] = (value - unknown.mean) / unknown.sd
+    if not np.any(begun != common):
+        return
+    shapes = [(j, unknown, own.tried([channels])) for j, unknown, own in every if own.shape]
+    for values in product(*(tried for _, _, tried in shapes)):
+        shaped = begun.copy()
+        for (j, unknown, _), number in zip(shapes, values, strict=True):
+            shaped[j] = (number - unknown.mean) / unknown.sd
+        yield shaped

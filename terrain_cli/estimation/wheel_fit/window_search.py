@@ -253,7 +253,7 @@ def lower_elsewhere(problem: Problem, data: FitData, ended: State) -> State | No
 
     What noise usually is may have led that one to another valley, of which the noise was then learnt.
     """
-    if next(damped_search.with_effects(problem, ended.common), None) is None:
+    if next(damped_search.with_effects(problem, data, ended.common), None) is None:
         return None
     some, order = data.thinned(ENOUGH), enough_nodes(problem.noise, data)
     ends = [search(problem, some, order, ended), search(problem, some, order)]
@@ -281,14 +281,17 @@ def _again(
 def _searched(problem: Problem, data: FitData, order: int | None) -> State:
     """Search with the samples given."""
     t, common = damped_search.centre(problem, data)
-    begun = [common, *damped_search.with_effects(problem, common)]
-    if len(begun) > 1:
-        ends = [_towards(problem, data, t, one, order) for one in begun]
-        return _lowest(ends, data, problem)
     state = _towards(problem, data, t, common, order)
-    if problem.unknowns.shared:
-        return state
-    return _elsewhere(problem, data, state, common, order)
+    if not problem.unknowns.shared:
+        return _elsewhere(problem, data, state, common, order)
+    present = damped_search.with_effects(problem, data, common)
+    return _lowest([state, *(_with_effects(problem, data, t, one, order) for one in present)], data, problem)
+
+
+def _with_effects(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
+    """Search from where effects are there: downhill at first, for quick steps may lead back to their null."""
+    near = descend(problem, data, t, common, order=_COARSE, iterations=_A_ROUND)
+    return solve(problem, data, initial(data, near.t, near.common), order=order)
 
 
 def _towards(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
