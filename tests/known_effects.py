@@ -211,10 +211,9 @@ KNOWN_EFFECTS = {
     "hardpan": KnownEffect(
         kind="soil",
         values={"modulus": 4000000.0, "top": 0.016},
-        found_within=0.05,
+        found_within=0.0001,
         signature=(DOWN, MOVED, UP),
         shown={"modulus": 2000000.0},
-        same_within=0.01,
         on_the_line=False,
         with_constants=True,
     ),

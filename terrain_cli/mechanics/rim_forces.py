@@ -4,29 +4,33 @@ The integrals of `contact`, written plainly for numbers with derivatives: slower
 law on the normal and the shear stress.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from terrain_cli.mechanics.contact import ORDER, half_angle, nodes, rolling
 from terrain_cli.mechanics.dual import chain, value
+from terrain_cli.vocabulary.arrays import Array
 
 Change = Callable[[str, dict[str, Any]], Any]
 
 
-def forces(q: Mapping[str, Any], width: float, change: Change, *, order: int = ORDER) -> tuple[Any, Any, Any]:
+def forces(
+    q: Mapping[str, Any], width: float, change: Change, *, bends: Sequence[Any] = (), order: int = ORDER
+) -> tuple[Any, Any, Any]:
     """Integrate the stresses over the contact, letting laws change them: W in N, T in N m, DP in N.
 
     `q`, shape (n,), has the quantities of `contact.Contact` and whatever the laws read. `change` is called
-    for "normal_stress" and then for "shear_stress" with all quantities at the nodes, shape (2 order, n): the
-    front arc's, then the rear arc's. `width` is b in m, `order` the nodes on each arc.
+    for "normal_stress" and then for "shear_stress" with all quantities at the nodes, shape (2 m, n): the
+    front arc's, then the rear arc's. `width` is b in m, `order` the nodes on each arc, and on each part of
+    it where the normal stress bends, at depths `bends` in m, one number or shape (n,).
     """
-    half, half_weight = nodes(order)
-    u, w = np.concatenate([half, half]), np.concatenate([half_weight, half_weight])
-    front = np.repeat([[1.0], [0.0]], order, axis=0)
-    rear = 1.0 - front
     one, peak, two = q["entry_angle"], q["max_stress_angle"], q["exit_angle"]
+    half, half_weight = _parted(q, bends, order) if bends else nodes(order)
+    u, w = np.concatenate([half, half]), np.concatenate([half_weight, half_weight])
+    front = np.repeat([[1.0], [0.0]], len(half), axis=0)
+    rear = 1.0 - front
     r, R = q["radius"], q["shear_radius"]
     long, short = one - peak, peak - two
     gap = 0.5 * (front * (u * long) + rear * (one - two - u * short))
@@ -35,7 +39,7 @@ def forces(q: Mapping[str, Any], width: float, change: Change, *, order: int = O
     # cos θ − cos θ1 and sin θ1 − sin θ.
     rise, run = 2.0 * (s1 * mixed - c1 * square), 2.0 * (c1 * mixed + s1 * square)
     # The normal stress behind θm is that of the same share of the arc in front of it.
-    depth = r * rise[np.r_[0:order, 0:order]]
+    depth = r * rise[np.r_[0 : len(half), 0 : len(half)]]
     at_nodes = {
         **q,
         "angle": one - 2.0 * gap,
@@ -55,6 +59,20 @@ def forces(q: Mapping[str, Any], width: float, change: Change, *, order: int = O
     torque = R * R * width * _total(tau * weight)
     pull = width * (R * _total(tau * cos) - r * _total(sigma * sin))
     return load, torque, pull
+
+
+def _parted(q: Mapping[str, Any], bends: Sequence[Any], order: int) -> tuple[Array, Array]:
+    """Return nodes and weights as `nodes`, on each part of the arc between two bends, shape (m, n).
+
+    An integral does not change with the place where it is parted, so that this has no derivatives.
+    """
+    one, peak, radius = (value(q[name]) for name in ("entry_angle", "max_stress_angle", "radius"))
+    angles = (np.arccos(np.minimum(np.cos(one) + value(depth) / radius, 1.0)) for depth in bends)
+    places = [np.clip((one - angle) / (one - peak), 0.0, 1.0) for angle in angles]
+    edges = np.sort([np.zeros_like(one), *places, np.ones_like(one)], axis=0)[:, None]
+    half, weight = nodes(order)
+    parts = np.diff(edges, axis=0)
+    return np.concatenate(edges[:-1] + parts * half), np.concatenate(parts * weight)
 
 
 def _total(x: Any) -> Any:

@@ -113,6 +113,12 @@ class Model:
             for name in quantities
         }
 
+    @cached_property
+    def bends(self) -> list[tuple[str, str]]:
+        """Effects and their parameters that are depths at which the normal stress bends."""
+        changing = self.changing.get("normal_stress", ())
+        return [(one.id, p.name) for one in changing for p in one.parameters if p.along == "sinkage"]
+
     def changes(self, quantity: str) -> bool:
         """Whether an effect changes a quantity."""
         return quantity in self.changing
@@ -298,8 +304,9 @@ class _Block:
             reach = np.maximum(one - peak, peak - two) * value(q["shear_radius"]) / value(q["shear_modulus"])
             order = order_for(float(np.max(reach, initial=0.0)))
         if self.model.changes("normal_stress") or self.model.changes("shear_stress"):
+            bends = [self.own[effect][name] for effect, name in self.model.bends]
             load, q["torque"], q["drawbar_pull"] = rim_forces.forces(
-                q, self.wheel.width, self.law, order=order
+                q, self.wheel.width, self.law, bends=bends, order=order
             )
             return load
         # Most have the shape already, and to ask costs less than to broadcast.

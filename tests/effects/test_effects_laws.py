@@ -379,8 +379,20 @@ def test_a_crust_bears_its_strength_and_a_hardpan_starts_at_its_top():
     np.testing.assert_allclose(shares, [0.0, 1.0 - 1.0 / np.e, 0.9932621, 1.0, 1.0], atol=1e-4)
     hardpan = effects.find("hardpan").laws["normal_stress"]
     into = hardpan({"normal_stress": 0.0, "depth": depth, "modulus": 1.0, "top": 0.01})
-    np.testing.assert_allclose(into[[0, 1, 3, 4]], [0.0, 0.0, 0.01, 0.03], atol=1e-15)
-    assert 0.0 < into[2] < 2e-4
+    np.testing.assert_allclose(into, [0.0, 0.0, 0.0, 0.01, 0.03], atol=1e-15)
+
+
+@pytest.mark.parametrize("top", [0.003, 0.012, 0.03])
+def test_forces_over_a_layer_do_not_depend_on_the_nodes(wheel, soil, top):
+    """Gauss nodes across the bend gave a load that was wrong by 3%, and by 9% with few of them."""
+    channels = {"slip": np.full(20, 0.2), "sinkage": np.linspace(0.003, 0.04, 20)}
+    hidden = {"modulus": 2e7, "top": top}
+    few, many = (
+        under(wheel, soil, channels, "hardpan", hidden, given="sinkage", order=order) for order in (6, 200)
+    )
+    for name in ("load", "torque", "drawbar_pull"):
+        right = getattr(many, name)
+        np.testing.assert_allclose(getattr(few, name), right, atol=1e-4 * np.abs(right).max())
 
 
 def test_curvature_turns_about_its_reference():

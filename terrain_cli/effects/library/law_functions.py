@@ -13,7 +13,6 @@ from terrain_cli.mechanics.rates import LEADS
 
 #: What a pass changes as a share of what the one before it did, where nothing else is known.
 _FURTHER = math.exp(-1.0)
-_ROUND = 5e-4  # m: over this distance to either side of its top the layer sets in
 _GRAIN = 3e-4  # m, a grain: less displacement than this along has no direction
 _SLOW = 0.05  # Radii in a second below which a wheel stands
 #: σ0 in Pa: the stress at which tan φ is the soil's own.
@@ -34,11 +33,7 @@ packed_shear_modulus = partial(packed, "shear_modulus")
 
 
 def on_a_layer(q: Quantities) -> Any:
-    over = q["depth"] - q["top"]
-    # A parabola between two straight lines: no kink, and exact away from the top.
-    within = np.minimum(np.maximum(over + _ROUND, 0.0), 2.0 * _ROUND)
-    into = within * within / (4.0 * _ROUND) + np.maximum(over - _ROUND, 0.0)
-    return q["normal_stress"] + q["modulus"] * into
+    return q["normal_stress"] + q["modulus"] * np.maximum(q["depth"] - q["top"], 0.0)
 
 
 def under_a_crust(q: Quantities) -> Any:
