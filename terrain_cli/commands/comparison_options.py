@@ -45,7 +45,7 @@ cutting = options.together(
         default=0,
         show_default=True,
     ),
-    options.jobs("Processes that fit wheels and effects; what comes out is the same."),
+    options.jobs("Processes that fit wheels and effects; the result is the same."),
     options.verbose,
 )
 

@@ -204,7 +204,7 @@ folds = value(
 at_stress = value(
     "--at-stress KPA",
     Amount(0.0),
-    "Compare strengths at this normal stress, in kPa.  [that under the wheel: 1, 2, 5, 10 …]",
+    "Compare strengths at this normal stress, in kPa.  [typical of this wheel: 1, 2, 5, 10 …]",
 )
 robust = click.option(
     "--robust",

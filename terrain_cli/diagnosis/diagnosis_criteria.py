@@ -145,8 +145,8 @@ STUCK = criterion(0.6, "sinkage over radius at which a rover is stuck")
 LEAST_POWER = criterion(
     0.75,
     "power below which a drive is not proposed",
-    "diagnosis_study, goals: of 20 families with such a drive 19 end in the right single name, of 15 in which "
-    "every pair has one all 15",
+    "diagnosis_study, goals: of 20 families with such a drive 19 end in the right single name, of 15 in "
+    "which every pair has one all 15",
 )
 MOST_POWER = criterion(
     0.99, "largest power that is stated: not only noise and other forms of a law can go wrong"
