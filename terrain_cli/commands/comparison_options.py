@@ -30,7 +30,7 @@ cutting = options.together(
     options.segments,
     options.value(
         "--min-samples N",
-        click.IntRange(3, options.MOST_SAMPLES),
+        options.Count(3),
         f"Fewest samples of a segment that auto cuts.  [{CUT_SAMPLES}]",
     ),
     options.window_distance,
