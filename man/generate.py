@@ -99,12 +99,12 @@ def _environment(context: click.Context) -> list[str]:
         return [
             ".SH ENVIRONMENT",
             *listed,
-            "each stands for the option of that name. The option is stronger, rover.toml weaker.",
+            "each sets the option of that name. Precedence: command line, environment, rover.toml.",
         ]
     if context.parent is None:
         return [
             f".SH ENVIRONMENT\n.TP\n{bold('TERRAIN_EST_')}{italic('OPTION')}",
-            "Stands for a long option of a verb. The option is stronger, rover.toml weaker.",
+            "Sets a long option of a verb. Precedence: command line, environment, rover.toml.",
             f".TP\n{bold('TERRAIN_EST_TRACEBACK')}",
             "Set it to see where the program failed, instead of one line.",
         ]

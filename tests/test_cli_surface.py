@@ -20,6 +20,7 @@ from terminals import on_terminal
 import terrain_cli
 from man import generate
 from terrain_cli.app import VERBS, cli
+from terrain_cli.commands import options
 
 ROOT = Path(__file__).resolve().parent.parent
 CONTEXTS = {context.command_path: context for context in generate.contexts()}
@@ -217,3 +218,12 @@ def test_a_number_that_has_a_range_is_finite(name, value):
     option, context = OPTIONS[name]
     with pytest.raises(click.BadParameter, match=r"not a finite number|is more than|is not in the range"):
         option.type.convert(value, option, context)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, (o, _) in OPTIONS.items() if isinstance(o.type, options.Count)]
+)
+def test_a_count_has_a_largest_value_too(name):
+    option, context = OPTIONS[name]
+    with pytest.raises(click.BadParameter, match="is more than"):
+        option.type.convert("1" + 13 * "0", option, context)

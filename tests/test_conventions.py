@@ -1,4 +1,4 @@
-"""The reference pages name every channel, unit, key and status; their rover.toml has every key."""
+"""The reference pages name every channel, unit and key; their rover.toml has every key."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from terrain_cli import models, rover
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.estimation.wheel_fit import DEFAULT
 from terrain_cli.models.model_file import SOIL_UNITS
-from terrain_cli.presentation import summary
 from terrain_cli.vocabulary import choices, units
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -120,13 +119,6 @@ def test_priors_are_those_of_the_estimator():
     middle, spread = np.exp(DEFAULT["stiffness"].of_logarithm())
     assert f"keq within a factor of {spread:.3g} of {middle * 1e-6:.3g} MPa/m^n" in FILE_PAGE
     assert choices.K_FACTOR == 2.0
-
-
-def test_every_status_is_explained():
-    assert set(re.findall(r"^\| `([a-z-]+)`", table("| status | meaning |"), re.MULTILINE)) == {
-        "ok",
-        *summary.MEANINGS,
-    }
 
 
 @pytest.mark.parametrize("model", [None, "model.toml"])

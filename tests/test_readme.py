@@ -115,7 +115,7 @@ def test_columns_are_all_there_in_their_order():
 
 
 def test_every_status_is_explained():
-    assert set(first_cells(PAGES["output"], "| status | what to do |")) == {"ok", *summary.MEANINGS}
+    assert set(first_cells(PAGES["output"], "| status | meaning | what to do |")) == {"ok", *summary.MEANINGS}
 
 
 def test_exit_codes_are_those_of_the_help():

@@ -1,4 +1,4 @@
-"""Pages as a reader wants them: lines that fit, options in one piece, dashes."""
+"""Pages as a reader wants them: lines that fit, options and quantities in one piece, dashes."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ LINE = 88
 SHORT = 24
 #: Columns stand apart by two spaces.
 COLUMNS = re.compile(r"\S {2,}\S")
+#: The space between a number and its unit, at which no line ends.
+BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|°|[kMG]?B|[kM]?Pa|N|[mcµ]?m|[mµn]?s|Hz|rad|min|h)(?!\w))")
 
 
 def set_page(_app: Sphinx, page: nodes.document, _name: str) -> None:
@@ -28,7 +30,11 @@ def set_page(_app: Sphinx, page: nodes.document, _name: str) -> None:
     for code in page.findall(nodes.literal):
         if len(code.astext()) <= SHORT:
             code["classes"].append("short")
-    for text in page.findall(nodes.Text):
+    for text in [*page.findall(nodes.Text)]:
+        if not isinstance(text.parent, nodes.literal | nodes.literal_block | nodes.math | nodes.math_block):
+            kept = BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
+            if kept != text:
+                text.parent.replace(text, nodes.Text(kept))
         # Sphinx parts a parameter from its meaning so. Its smart quotes would also change what is typed.
         if text.startswith(" -- "):
             text.parent.replace(text, nodes.Text(text.replace(" -- ", " – ", 1)))

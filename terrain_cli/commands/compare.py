@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 def command(context: click.Context, /, **_: Any) -> None:
     """Compare what a model predicts with what was measured, and say where it fails.
 
-    Torque, drawbar pull and sinkage are compared, whichever are there; a log without torque will
-    do. The model is fitted to each segment; the held-out error is the error on stretches of the data
+    Torque, drawbar pull and sinkage are compared, whichever are there; torque is not required. The
+    model is fitted to each segment; the held-out error is the error on stretches of the data
     that were left out of the fit. The last line says what to do next.
     """
     from terrain_cli import models

@@ -30,7 +30,7 @@ cutting = options.together(
     options.segments,
     options.value(
         "--min-samples N",
-        click.IntRange(3, options.MOST_SAMPLES),
+        options.Count(3),
         f"Fewest samples of a segment that auto cuts.  [{CUT_SAMPLES}]",
     ),
     options.window_distance,
@@ -45,7 +45,7 @@ cutting = options.together(
         default=0,
         show_default=True,
     ),
-    options.jobs("Processes that fit wheels and effects; what comes out is the same."),
+    options.jobs("Processes that fit wheels and effects; the result is the same."),
     options.verbose,
 )
 

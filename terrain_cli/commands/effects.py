@@ -29,7 +29,7 @@ def command() -> None:
     """Show the physical effects that can be added to a model, and check effects of your own.
 
     An effect of your own is a file in TOML: a law, its parameters with their units, and the
-    channels that it needs. docs/effects.md tells how to write one.
+    channels that it needs. docs/effects.md says how to write one.
     """
 
 
@@ -48,8 +48,8 @@ def command() -> None:
 def list_effects(kind: str | None, as_json: bool) -> None:
     """List the effects of the catalogue: what each changes, and the channels that it needs.
 
-    Effects that other Python packages bring are listed after those of the program; last, what a base
-    takes for granted, which `terrain-est model add` lifts as it adds an effect.
+    Effects of other Python packages follow those of the program. Last come the assumptions of the
+    bases: `terrain-est model add` removes one as it adds an effect.
     """
     from terrain_cli import effects
     from terrain_cli.models import ASSUMPTIONS
@@ -74,11 +74,11 @@ def list_effects(kind: str | None, as_json: bool) -> None:
 @click.argument("names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
 @options.as_json
 def show(names: tuple[str, ...], as_json: bool) -> None:
-    """Tell all about each EFFECT: an id of the catalogue, a file of your own, or an assumption of a base.
+    """Show all about each EFFECT: an id of the catalogue, a file of your own, or an assumption of a base.
 
     That is its law, its parameters with unit, null value (at which the effect is absent), typical
     size and bounds, what happens in the ground or the drive, which residuals it leaves, which
-    manoeuvre tells it from its neighbours, and who found it.
+    manoeuvre tells it from similar effects, and the source.
     """
     from terrain_cli.models import ASSUMPTIONS
     from terrain_cli.presentation import effect_text

@@ -115,8 +115,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     table to read is on stderr.
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
-    input. Each row has standard errors and a status, which says whether c and φ can be used;
-    where c and φ cannot be told apart (not-separable), the strength at the stress σ* may be known.
+    input. Each row has standard errors and a status, which says whether c and φ can be used:
+    where c and φ cannot be told apart (not-separable), the strength at the stress σ* may still be
+    known.
     """
     import formats
     from terrain_cli.presentation import segment_files

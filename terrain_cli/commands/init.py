@@ -26,7 +26,7 @@ def command(log: str, output: str | None, force: bool, salvage: bool, quiet: boo
     Each channel has a line that says where it is read and in which unit. A unit is never guessed:
     where the log does not tell it, the line is a comment that says what to write. The sizes of the
     wheel and the shear modulus of the soil are yours to fill in, and the lines ask for them by name.
-    Only the log counts: a rover.toml that is there is not read.
+    An existing rover.toml is not read.
     """
     import formats
     from terrain_cli.presentation import rover_draft

@@ -223,8 +223,8 @@ def remove(context: click.Context, /, **_: Any) -> None:
     """Remove each EFFECT from the model FILE, with all that FILE says of its parameters.
 
     With --data the model is fitted with and without it, and both are compared on stretches of the data
-    that were not fitted. It is removed whatever comes out, as you have asked for it; if the held-out
-    error rises, this is said, and `terrain-est model add` brings it back. FILE remembers either.
+    that were not fitted. It is removed in any case. If the held-out error rises, the output
+    says so, and `terrain-est model add` adds it again. FILE records both changes.
     """
     model_changes.change(context, "remove")
 
@@ -239,9 +239,9 @@ def remove(context: click.Context, /, **_: Any) -> None:
 def command() -> None:
     """Write model files, show them, and improve them step by step.
 
-    A model file names a base (wong-reece or linear) and the physical effects added to it, holds those
-    of their parameters that are not to be estimated, and remembers what each change did to the error
-    on data that were not fitted. `terrain-est estimate --model FILE` fits it.
+    A model file names a base (wong-reece or linear) and the physical effects added to it. It may hold
+    parameters at given values, which are then not estimated, and it records what each change did to
+    the error on data that were not fitted. `terrain-est estimate --model FILE` fits it.
     """
 
 

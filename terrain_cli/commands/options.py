@@ -27,10 +27,8 @@ F = TypeVar("F", bound="Callable[..., Any]")
 #: TERRAIN_EST_METHOD=ridge stands for --method ridge, in every verb that has the option.
 CONTEXT = {"auto_envvar_prefix": "TERRAIN_EST"}
 
-#: More than any log has, and no more than a sum of it can count.
-MOST_SAMPLES = 10**12
+_MOST_SAMPLES = 10**12  # More than any log has, and no more than a sum of it can count
 _MOST_FOLDS = 10**6
-
 _MOST_AMOUNT = 1e9  # Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground
 
 
@@ -47,6 +45,20 @@ class Amount(click.FloatRange):
 
 
 POSITIVE = Amount(0, min_open=True)
+
+
+class Count(click.IntRange):
+    """A number of things, at most more than anybody has: the help tells the least number alone."""
+
+    def __init__(self, least: int, most: int = _MOST_SAMPLES) -> None:
+        super().__init__(least)
+        self.most = most
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        number: int = super().convert(value, param, ctx)
+        if number > self.most:
+            self.fail(f"{value} is more than {self.most:,}.", param, ctx)
+        return number
 
 
 class Duration(click.ParamType):  # type: ignore[type-arg]
@@ -174,9 +186,7 @@ window_distance = value(
     "Length of a segment in metres: exact for fixed, the least for auto.  "
     f"[auto: {choices.MIN_DISTANCE:.2f}]",
 )
-window_samples = value(
-    "--window-samples N", click.IntRange(3, MOST_SAMPLES), "Length of a fixed segment in samples."
-)
+window_samples = value("--window-samples N", Count(3), "Length of a fixed segment in samples.")
 where = click.option(
     "--where",
     metavar="CONDITION",
@@ -193,18 +203,18 @@ method = click.option(
 )
 min_samples = value(
     "--min-samples N",
-    click.IntRange(3, MOST_SAMPLES),
+    Count(3),
     f"Fewest samples of a segment.  [{choices.CUT_SAMPLES} to cut, {choices.FIT_SAMPLES} to estimate]",
 )
 folds = value(
     "--folds N",
-    click.IntRange(2, _MOST_FOLDS),
+    Count(2, _MOST_FOLDS),
     "Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
 )
 at_stress = value(
     "--at-stress KPA",
     Amount(0.0),
-    "Compare strengths at this normal stress, in kPa.  [that under the wheel: 1, 2, 5, 10 …]",
+    "Compare strengths at this normal stress, in kPa.  [typical of this wheel: 1, 2, 5, 10 …]",
 )
 robust = click.option(
     "--robust",

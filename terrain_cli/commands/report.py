@@ -45,7 +45,7 @@ def command(context: click.Context, /, **_: Any) -> None:
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
     input. On the page, a reader can switch between the model, its earlier steps and the likeliest
-    further effects. The page needs no network and no other file; it prints. It takes the extra
+    further effects. The page needs no network and no other file, and can be printed. It needs the extra
     "report"; where that is missing, the command says how to add it.
     """
     from terrain_cli import models

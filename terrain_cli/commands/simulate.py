@@ -49,7 +49,7 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
     help="Soil (repeatable, one after another over equal distances): dry-sand, sandy-loam, clayey-soil, "
     "snow … or [soils.NAME] of the file.  [dry-sand]",
 )
-@options.value("--duration S", float, "Of the whole drive, in s.  [60 for each --drive]")
+@options.value("--duration S", float, "Length of the whole drive, in s.  [60 for each --drive]")
 @click.option(
     "--rate", multiple=True, metavar="HZ", help="Samples in a second; also CHANNEL=HZ (repeatable).  [20]"
 )
@@ -66,7 +66,7 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
 @options.value(
     "--model MODEL",
     paths.MODEL,
-    "Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
+    "Model that makes the truth: wong-reece, linear, or a model file with its effects.  [wong-reece]",
 )
 @options.value(
     "--effect EFFECT",
@@ -78,7 +78,7 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
 @click.option(
     "--hide",
     is_flag=True,
-    help="Add an effect of the catalogue, drawn at random with its size, and tell it only in the truth.",
+    help="Add an effect of the catalogue, drawn at random with its size; only the truth names it.",
 )
 @options.value(
     "--truth FILE",

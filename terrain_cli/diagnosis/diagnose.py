@@ -1,4 +1,4 @@
-"""What a model lacks: the method of docs/diagnose.md, step by step."""
+"""What a model lacks: the method of docs/diagnose-method.md, step by step."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace

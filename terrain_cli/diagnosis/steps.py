@@ -1,4 +1,4 @@
-"""The steps of a diagnosis from the alarm on, as docs/diagnose.md numbers them."""
+"""The steps of a diagnosis from the alarm on, as docs/diagnose-method.md numbers them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
