@@ -60,14 +60,23 @@ def others(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
         yield carried(problem, data, inside(problem.unknowns.local, t), common)
 
 
-def with_effects(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
-    """Yield beginnings at which the effects that windows share are there, shape (q,).
+def with_effects(problem: Problem, data: FitData, t: Array, common: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield beginnings at which the effects that windows share are there, t of shape (w, p) and common (q,).
 
     A search that begins without them may end in another valley: the shape of the contact, sought in every
-    window, takes the place of bulldozing, and of what only shapes an effect the data then say nothing.
+    window, takes the place of bulldozing, and a large exponent that of a firm layer; it begins below that.
+    Of what only shapes an effect the data say nothing without it.
     """
+    names = [u.name for u in problem.unknowns.local]
+    softer = problem.model.bends and "sinkage_exponent" in names
     for side in (1, -1):
-        yield from present(problem.unknowns, common, data.channels, side * _PRESENT)
+        for begun in present(problem.unknowns, common, data.channels, side * _PRESENT):
+            soil = t
+            if softer:
+                soil = np.zeros_like(t)
+                soil[:, names.index("sinkage_exponent")] = -_APART
+                soil = carried(problem, data, inside(problem.unknowns.local, soil), begun)
+            yield soil, begun
 
 
 def carried(problem: Problem, data: FitData, t: Array, common: Array) -> Array:

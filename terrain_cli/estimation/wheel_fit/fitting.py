@@ -322,7 +322,7 @@ def _learn(
     if begun is not None:
         lost = ~begun.converged[chosen, None]
         state = initial(sample, np.where(lost, state.t, begun.t[chosen]), begun.common)
-    elif next(damped_search.with_effects(problem, sample, state.common), None) is not None:
+    elif next(damped_search.with_effects(problem, sample, state.t, state.common), None) is not None:
         state = search(problem, sample, enough_nodes(problem.noise, sample))
     near = begun is not None and bool(begun.converged[chosen].all())
     for number in range(1, learner.rounds + 1):

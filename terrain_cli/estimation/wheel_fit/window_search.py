@@ -253,7 +253,7 @@ def lower_elsewhere(problem: Problem, data: FitData, ended: State) -> State | No
 
     What noise usually is may have led that one to another valley, of which the noise was then learnt.
     """
-    if next(damped_search.with_effects(problem, data, ended.common), None) is None:
+    if next(damped_search.with_effects(problem, data, ended.t, ended.common), None) is None:
         return None
     some, order = data.thinned(ENOUGH), enough_nodes(problem.noise, data)
     ends = [search(problem, some, order, ended), search(problem, some, order)]
@@ -284,8 +284,8 @@ def _searched(problem: Problem, data: FitData, order: int | None) -> State:
     state = _towards(problem, data, t, common, order)
     if not problem.unknowns.shared:
         return _elsewhere(problem, data, state, common, order)
-    present = damped_search.with_effects(problem, data, common)
-    return _lowest([state, *(_with_effects(problem, data, t, one, order) for one in present)], data, problem)
+    present = damped_search.with_effects(problem, data, t, common)
+    return _lowest([state, *(_with_effects(problem, data, *one, order) for one in present)], data, problem)
 
 
 def _with_effects(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
