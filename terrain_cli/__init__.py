@@ -36,8 +36,6 @@ the command writes. Errors that a user can cause are `terrain_cli.errors.Terrain
 """
 
 # ruff: noqa: F403, F405
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

@@ -76,13 +76,9 @@ def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.boo
 
 def floats(values: pa.Array) -> NDArray[np.float64]:
     """Return numbers as they are, NaN where null, not to be written to; pyarrow's own way imports pandas."""
-    data = values.buffers()[1]
-    if data is None:
-        return np.full(len(values), np.nan)
-    known = np.frombuffer(data, np.float64)[values.offset : values.offset + len(values)]
-    if not values.null_count:
-        return known
-    return np.where(np.from_dlpack(values.is_null().cast(pa.int8())), np.nan, known)
+    import pyarrow.compute as pc
+
+    return np.asarray(np.from_dlpack(pc.fill_null(values, np.nan) if values.null_count else values))
 
 
 def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:

@@ -1,30 +1,26 @@
 """A model against measurements, for a notebook; and the report of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from terrain_cli import processes
 from terrain_cli.api import result_tables
-from terrain_cli.api.logs import as_model, windows_of
+from terrain_cli.api.logs import Data, as_model, windows_of
+from terrain_cli.comparison import Comparison, Difference
 from terrain_cli.comparison import against as difference
 from terrain_cli.improvement import compared
 from terrain_cli.improvement.change_trial import alternatives
+from terrain_cli.models import ModelFile
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import escaped
+from terrain_cli.rover import Rover
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
-
-    from terrain_cli.api.logs import Data
-    from terrain_cli.comparison import Comparison, Difference
-    from terrain_cli.models import ModelFile
-    from terrain_cli.rover import Rover
-    from terrain_cli.views.plots import Drawn
 
 _CHANNELS = ("unit", "samples", "rmse", "bias", "nrmse", "noise", "heldout_rmse")
 _ENDS = ("heldout_low", "heldout_high")
@@ -110,10 +106,10 @@ class ComparisonResult(result_tables.Result):
         return result_tables.frame(self._document.get("differences", ()), _DIFFERENCES)
 
     @property
-    def _picture(self) -> tuple[Drawn, str]:
+    def _picture(self) -> result_tables.Picture:
         return self.against or self.found, "predicted-measured"
 
-    def plot(self, name: str = "predicted-measured") -> Figure:
+    def plot(self, name: str = "predicted-measured") -> "Figure":
         """Draw a picture of the (last) model.
 
         Parameters

@@ -1,32 +1,25 @@
 """What a model lacks, for a notebook."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
 
 from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.api import result_tables
-from terrain_cli.api.logs import as_model, windows_of
+from terrain_cli.api.logs import Data, as_model, windows_of
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import diagnose as diagnosed
+from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, Verdict
 from terrain_cli.diagnosis.verdict import sizes_text
+from terrain_cli.models import ModelFile
 from terrain_cli.presentation import diagnosis_text
 from terrain_cli.presentation.terminal import escaped
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    import pandas as pd
-
-    from terrain_cli.api.logs import Data
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, Verdict
-    from terrain_cli.models import ModelFile
-    from terrain_cli.rover import Rover
-    from terrain_cli.views.plots import Drawn
+from terrain_cli.rover import Rover
 
 _CANDIDATES = (
     *("effect", "title", "score", "p_value", "explained", "surviving"),
@@ -110,7 +103,7 @@ class DiagnosisResult(result_tables.Result):
         return result_tables.frame(rows, ("effect", "parameter", "value", "se", "unit"))
 
     @property
-    def _picture(self) -> tuple[Drawn, str]:
+    def _picture(self) -> result_tables.Picture:
         return self.found, "candidates"
 
     def __str__(self) -> str:

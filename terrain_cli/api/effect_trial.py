@@ -1,30 +1,22 @@
 """An effect added to a model, and what held-out data say of it, for a notebook."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from terrain_cli import improvement, models, processes
 from terrain_cli.api import result_tables
-from terrain_cli.api.logs import as_model, windows_of
+from terrain_cli.api.logs import Data, as_model, windows_of
 from terrain_cli.comparison import kept_aside
-from terrain_cli.improvement import model_history
+from terrain_cli.improvement import Step, model_history
+from terrain_cli.models import ModelFile
 from terrain_cli.presentation import change_text
 from terrain_cli.presentation.terminal import escaped
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    import pandas as pd
-
-    from terrain_cli.api.logs import Data
-    from terrain_cli.improvement import Step
-    from terrain_cli.models import ModelFile
-    from terrain_cli.rover import Rover
-    from terrain_cli.views.plots import Drawn
+from terrain_cli.rover import Rover
 
 _PARAMETERS = ("source", "wheel", "name", "value", "se", "unit", "determined")
 
@@ -100,7 +92,7 @@ class EffectTrial(result_tables.Result):
         return result_tables.frame(self._document["parameters"], _PARAMETERS)
 
     @property
-    def _picture(self) -> tuple[Drawn, str]:
+    def _picture(self) -> result_tables.Picture:
         entries = [*self.history] if self.kept else [*self.history, _entry(self.step)]
         return model_history.rungs(entries), "ladder"
 

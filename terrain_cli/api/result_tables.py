@@ -1,10 +1,9 @@
 """Results of commands as JSON, as tables of pandas and as HTML."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import pandas as pd
 
@@ -12,12 +11,11 @@ from terrain_cli.presentation import terminal
 from terrain_cli.vocabulary.quantities import short
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
     from matplotlib.figure import Figure
 
     from terrain_cli.views.plots import Drawn
 
+Picture: TypeAlias = "tuple[Drawn, str]"  # What is drawn, and the name of its picture
 _IN_NAMES = {"N m": "Nm"}  # Of SI units, as they stand in the name of a column
 _MOST_ROWS = 50  # Rows that a notebook shows
 
@@ -32,10 +30,9 @@ class Result(ABC):
 
     @property
     @abstractmethod
-    def _picture(self) -> tuple[Drawn, str]:
-        """What is drawn, and the name of its picture."""
+    def _picture(self) -> Picture: ...
 
-    def plot(self) -> Figure:
+    def plot(self) -> "Figure":
         """Draw the result.
 
         Of `simulate` every channel against time, and where the soil changes under a wheel. Of `diagnose`

@@ -1,10 +1,10 @@
 """Telemetry of a known truth, for a notebook."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -12,16 +12,10 @@ from terrain_cli import rover as rovers
 from terrain_cli import simulation
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import from_frame
+from terrain_cli.rover import Rover
+from terrain_cli.simulation import SimulatedLog
 from terrain_cli.simulation import simulation_files as truths
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from terrain_cli.rover import Rover
-    from terrain_cli.simulation import SimulatedLog
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.views.plots import Drawn
+from terrain_cli.telemetry import Samples
 
 _LABEL = "simulate()"  # What the messages of errors call the arguments
 
@@ -70,7 +64,7 @@ class SimulatedDrive(result_tables.Result):
         return truths.document(self.log)
 
     @property
-    def _picture(self) -> tuple[Drawn, str]:
+    def _picture(self) -> result_tables.Picture:
         return self.log, "measured"
 
     def __str__(self) -> str:

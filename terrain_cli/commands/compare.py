@@ -1,7 +1,5 @@
 """`terrain-est compare INPUT…`."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """`terrain-est inspect INPUT…`."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 import click

@@ -4,8 +4,6 @@ Inside the program everything is SI, except that temperatures are in °C and lon
 latitude in degrees, as people keep them. The table is closed: what is not in it is no unit.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 import unicodedata
