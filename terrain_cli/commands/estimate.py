@@ -215,7 +215,7 @@ def _outcomes(
         work = partial(one_log.run, rover=rover, settings=settings)
         if min(jobs, len(logs)) == 1:
             # What shows the progress cannot be sent to another process.
-            work = partial(work, progress=progress.say, beside=processes.cores() > 1)
+            work = partial(work, progress=progress.say, ahead=processes.cores() > 1)
         return processes.each(work, logs, begin)
 
 

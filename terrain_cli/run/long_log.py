@@ -1,28 +1,21 @@
-"""A log too long for the memory, worked through in parts (reaches), in a second process if there may be one.
+"""A log too long for the memory, worked through in parts (reaches), while the next ones are read.
 
 A window needs the samples of no other, and a change of soil shows in the samples about it. So the windows of
-a reach are final, save the last ones, whose samples begin the next reach. Reading with all that is derived
-takes about as long as windows and estimates: a second process halves the time.
+a reach are final, save the last ones, whose samples begin the next reach.
 """
 
 from __future__ import annotations
 
-import os
-import queue
-import signal
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import chain
-from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from terrain_cli import estimation
-from terrain_cli.errors import TerrainError
 from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.models import ModelFile
 from terrain_cli.presentation import segment_table
@@ -34,10 +27,6 @@ from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows import cut_windows
 from terrain_cli.windows.cut_windows import Windows
 
-if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
-    from multiprocessing.process import BaseProcess
-
 MOST_ROWS = 2_000_000  # Rows of a table from which on it is worked through in reaches
 #: Usable samples of a reach, and those behind a bound that make it final.
 REACH, SETTLED = 1 << 19, 20_000
@@ -45,7 +34,7 @@ LONGEST = 1 << 20  # Longest window: a soil that goes on for longer is cut there
 #: Channels that windows, estimates and the table are made of.
 _KEPT = {*NEEDED, "x", "y", "longitude", "latitude"}
 BEHIND = "@behind"  # Samples set aside behind each usable one, among its drivers
-_AHEAD = 5  # Parts that may wait in the other process: as many as make a reach, and one that is being read
+_AHEAD = 5  # Parts that may wait: as many as make a reach, and one that is being read
 
 
 def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
@@ -225,92 +214,14 @@ def account(of: Samples, rows: int, used: int, reasons: dict[str, int], remarks:
     }
 
 
-def work_beside(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
-    """Do what `work` does in another process, if it can be started, and raise what that raises."""
-    try:
-        link, process = _start(settings)
-    except OSError:
-        return work(parts, settings)
-    try:
-        for part in chain(parts, [None]):
-            try:
-                # Waits while too many are not yet fetched.
-                link.send(part)
-            except OSError:
-                # It has died, and perhaps said of what.
-                break
-        return _heard(link)
-    finally:
-        link.close()
-        process.kill()
-        process.join()
-
-
-def _start(settings: Settings) -> tuple[Connection, BaseProcess]:
-    # Short logs need none of it.
-    from multiprocessing import get_context
-
-    # A fork would copy the locks of the threads that read.
-    context = get_context("spawn")
-    link, theirs = context.Pipe()
-    process = context.Process(target=_work_there, args=(theirs, settings), daemon=True)
-    if hasattr(signal, "pthread_sigmask"):
-        from multiprocessing import resource_tracker
-
-        # Python 3.11 lets signals in again as it starts this one with the first process.
-        resource_tracker.ensure_running()
-    with _uninterrupted(), theirs:
-        process.start()
-    return link, process
-
-
-def _heard(link: Connection) -> dict[str, LongWheel]:
-    """Return what the other process has made of all parts, or raise what it ended with."""
-    try:
-        reply: dict[str, LongWheel] | Exception = link.recv()
-    except (EOFError, OSError):
-        what = "the process that makes windows and estimates was killed; out of memory?"
-        raise TerrainError(what, hint="free some memory, and run again") from None
-    if isinstance(reply, Exception):
-        raise reply
-    return reply
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Start a process that Ctrl-C does not reach: who started it answers."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _work_there(link: Connection, settings: Settings) -> None:
-    """Work through what comes, and send the wheels when all has come: the life of the other process."""
-    try:
-        reply: object = work(_received(link), settings)
-    except Exception as error:  # noqa: BLE001 - it is raised there
-        reply = error
-    with suppress(OSError):
-        link.send(reply)
-
-
-def _received(link: Connection) -> Iterator[Samples]:
-    """Return the parts that come; some are fetched ahead, so that reading goes on while windows are made."""
-    ahead: queue.Queue[Samples | None] = queue.Queue(_AHEAD)
-
-    def fetch() -> None:
+def read_ahead(parts: Iterable[Samples]) -> Iterator[Samples]:
+    """Read some parts ahead in another thread, beside which this one goes on while NumPy works for either."""
+    left: Iterator[Samples] = iter(parts)
+    with ThreadPoolExecutor(1) as pool:
         try:
-            while (part := link.recv()) is not None:
-                ahead.put(part)
-            ahead.put(None)
-        except (EOFError, OSError):
-            # Where who started this process has gone, there is nobody to tell.
-            os._exit(0)
-
-    Thread(target=fetch, daemon=True).start()
-    return iter(ahead.get, None)
+            waiting = deque(pool.submit(next, left, None) for _ in range(_AHEAD))
+            while (part := waiting.popleft().result()) is not None:
+                waiting.append(pool.submit(next, left, None))
+                yield part
+        finally:
+            pool.shutdown(cancel_futures=True)

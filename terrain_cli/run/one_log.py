@@ -46,9 +46,9 @@ def run(
     settings: Settings,
     *,
     progress: Progress = lambda _path, _step, _share: None,
-    beside: bool = False,
+    ahead: bool = False,
 ) -> Outcome:
-    """Estimate the soil under every wheel of one input; `beside` reading it, where a log is long."""
+    """Estimate the soil under every wheel of one input, of which some is read `ahead` where it is long."""
     progress(path, "reading", 0.0)
     file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     where = telemetry.Condition(settings.where) if settings.where else None
@@ -64,7 +64,7 @@ def run(
     if hindrance is None:
         found = telemetry.read_parts(source, rover, long_log.MOST_ROWS, **asked)
         if not isinstance(found, list):
-            return _in_reaches(source, found, settings, progress, beside=beside)
+            return _in_reaches(source, found, settings, progress, ahead=ahead)
         wheels = found
     else:
         kept = locations.KEYS if settings.places else ()
@@ -127,7 +127,7 @@ def _needed_segments(cut: cut_windows.Windows, file: models.ModelFile) -> cut_wi
 
 
 def _in_reaches(
-    source: formats.Source, parts: Iterable[Samples], settings: Settings, progress: Progress, *, beside: bool
+    source: formats.Source, parts: Iterable[Samples], settings: Settings, progress: Progress, *, ahead: bool
 ) -> Outcome:
     """Estimate a log of which no more than a reach is held."""
     # They grow until the log ends.
@@ -146,8 +146,7 @@ def _in_reaches(
             progress(source.path, f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
 
-    work = long_log.work_beside if beside else long_log.work
-    wheels = work(lean(), settings)
+    wheels = long_log.work(long_log.read_ahead(lean()) if ahead else lean(), settings)
     done = [wheels[name] for name in sorted(wheels)]
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""

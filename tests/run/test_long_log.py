@@ -1,4 +1,4 @@
-"""Long logs worked through in reaches, here and in a second process: the same as whole."""
+"""Long logs worked through in reaches: the same as whole."""
 
 from __future__ import annotations
 
@@ -233,8 +233,7 @@ def test_rejects_of_a_long_log(small, monkeypatch, tmp_path):
         assert len(list(csv.DictReader(stream))) > 31
 
 
-#: Runs the command with reaches so short that logs of some hundred thousand samples are long, here and
-#: in the process beside.
+#: Runs the command with reaches so short that logs of some hundred thousand samples are long.
 SHORT = """
 import sys
 from terrain_cli.app import main

@@ -1,8 +1,7 @@
-"""A long log worked through in a second process: the same as in this one, however that ends."""
+"""A long log of which some is read ahead: the same table as one part after another, however that ends."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,12 +10,12 @@ import time
 
 import numpy as np
 import pytest
-from child_processes import alive, children
+from child_processes import peak
 from test_long_log import LENGTHS, ROVER, SHORT, assert_same, dirty, drive
 
 from formats import DamagedError, Labels
 from terrain_cli import rover
-from terrain_cli.errors import InputError, TerrainError
+from terrain_cli.errors import InputError
 from terrain_cli.run import long_log, one_log
 from terrain_cli.run.settings import Settings
 from terrain_cli.telemetry import long_logs
@@ -35,7 +34,7 @@ def long(monkeypatch, tmp_path):
 
     def run(**settings):
         given = rover.load(tmp_path / "rover.toml"), Settings(**settings)
-        return [one_log.run(str(path), *given, beside=other) for other in (True, False)]
+        return [one_log.run(str(path), *given, ahead=ahead) for ahead in (True, False)]
 
     return run
 
@@ -76,58 +75,36 @@ def assert_equal(found, expected):
 
 
 @pytest.mark.parametrize("settings", [{}, {"segments": "terrain"}, {"method": "ridge", "where": "load > 60"}])
-def test_another_process_makes_the_same_table(long, settings):
+def test_read_ahead_makes_the_same_table(long, settings):
     found, within = long(**settings)
     assert_same(found, within)
     assert len(found.table["segment"]) > 3
 
 
-def test_parts_arrive_bit_by_bit_as_they_were():
+def test_parts_come_as_they_were():
     # More than can wait.
     given = lean_parts()
     assert len(given) > 2 * long_log._AHEAD
-    assert_equal(long_log.work_beside(given, Settings()), long_log.work(given, Settings()))
+    assert_equal(long_log.work(long_log.read_ahead(given), Settings()), long_log.work(given, Settings()))
 
 
-def test_where_no_process_can_be_started(monkeypatch):
-    def refuse(*_):
-        raise BlockingIOError(11, "Resource temporarily unavailable")
+def test_an_error_of_the_work_ends_the_reading():
+    def endless():
+        while True:
+            yield from lean_parts(2)
 
-    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", refuse)
-    given = lean_parts(3)
-    assert_equal(long_log.work_beside(given, Settings()), long_log.work(given, Settings()))
-
-
-def test_an_error_of_the_other_process_is_told_here():
     with pytest.raises(InputError, match="there is no terrain label") as error:
-        long_log.work_beside(lean_parts(), Settings(segments="terrain"))
+        long_log.work(long_log.read_ahead(endless()), Settings(segments="terrain"))
     assert "--segments auto" in error.value.hint
-    assert not multiprocessing.active_children()
 
 
-def test_an_error_of_reading_ends_the_other_process():
+def test_an_error_of_reading_is_told():
     def cut_off():
         yield from lean_parts(2)
         raise DamagedError("run.parquet", "is corrupt")
 
     with pytest.raises(DamagedError, match="is corrupt"):
-        long_log.work_beside(cut_off(), Settings())
-    assert not multiprocessing.active_children()
-
-
-@pytest.mark.parametrize("after", [1, 11])
-def test_a_process_that_is_killed(after):
-    def killed():
-        for number, part in enumerate(lean_parts()):
-            yield part
-            if number == after:
-                (other,) = multiprocessing.active_children()
-                other.kill()
-                other.join()
-
-    with pytest.raises(TerrainError, match="was killed; out of memory") as error:
-        long_log.work_beside(killed(), Settings())
-    assert "\n" not in str(error.value)
+        long_log.work(long_log.read_ahead(cut_off()), Settings())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc who is alive")
@@ -144,20 +121,13 @@ def test_nothing_is_left_of_a_command_that_is_ended(tmp_path, ending):
         text=True,
         start_new_session=True,
     ) as process:
-        others = []
-        while process.poll() is None and len(others) < 2:
-            # Of the two, one watches over what they share.
-            others = children(process.pid)
+        # Its memory shows that it is past the imports, and at the log.
+        while process.poll() is None and peak(process.pid) < 150_000:
             time.sleep(0.01)
         time.sleep(0.3)
         assert process.poll() is None
-        # As Ctrl-C does, the first goes to all of them.
-        (os.killpg if ending == signal.SIGINT else os.kill)(process.pid, ending)
+        os.kill(process.pid, ending)
         said = process.communicate(timeout=60)[1]
     assert process.returncode in {130, -ending, 128 + ending}
     assert "Traceback" not in said
     assert not (tmp_path / "soil.csv").exists()
-    deadline = time.monotonic() + 30.0
-    while any(alive(pid) for pid in others) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not [pid for pid in others if alive(pid)]
