@@ -55,7 +55,7 @@ class _OnSoils(NamedTuple):
         """Compare it on the soils that it needs, which may be more; options are those of `compared`."""
         found = self.compared(**options)
         missing = alarm.missing_effects(self.file)
-        fitted, steps = several_soils.on_more(found, self.fitted, self.file, missing)
+        fitted, steps, _ = several_soils.on_more(found, self.fitted, self.file, missing)
         if not steps:
             return self, found
         more = self._replace(fitted=fitted, told=[*self.told, *steps])
