@@ -7,6 +7,7 @@ there: fitted, held out, judged.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -125,12 +126,20 @@ def screen(
     channels: Mapping[str, Array],
     rows: Index,
     steps: Mapping[str, float],
-) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
-    """Yield the signatures of all drafts without writing them.
+) -> Iterator[tuple[str, list[tuple[str, str, int]], dict[str, Array]]]:
+    """Yield the signatures of all drafts of a quantity without writing them.
 
-    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves: tables by channel, shape
-    (n, columns). `values` are the drivers' at the rows, `steps` what `step_of` returns of each.
+    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves. With the quantity come
+    driver, form and number of columns of each draft, and tables by channel, shape (n, columns of all).
+    `values` are the drivers' at the rows, `steps` what `step_of` returns of each.
     """
+
+    @cache
+    def shape_of(driver: str, form: str, own_offset: bool) -> Array | None:
+        found = _shapes(form, values[driver], steps[driver], own_offset=own_offset)
+        return None if found is None else np.nan_to_num(found)
+
+    on_or_off = {driver for driver, column in values.items() if _on_or_off(column)}
     shown = [name for name in SHOWN if name in wheel.measured]
     read = [name for name in _READ if name in channels]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
@@ -145,24 +154,28 @@ def screen(
         ]
         found = [one.tables for one in signatures.of_effects(wheel, effects, channels, rows)]
         of_gain, of_offset = found[0], found[-1]
+        drafts, parts = list[tuple[str, str, int]](), list[dict[str, Array]]()
         if changes in SENSED:
-            yield changes, "", "constant", of_offset
-        for driver, column in values.items():
-            for form in forms(changes, driver, column):
-                shape = _shapes(form, column, steps[driver], own_offset=changes in SENSED)
+            drafts.append(("", "constant", 1))
+            parts.append(of_offset)
+        for driver in values:
+            for form in forms(changes, driver, on_or_off=driver in on_or_off):
+                shape = shape_of(driver, form, changes in SENSED)
                 if shape is not None:
-                    shape = np.nan_to_num(shape)
                     tables = of_gain if form == "gain" else of_offset
-                    yield changes, driver, form, {c: t * shape for c, t in tables.items()}
+                    drafts.append((driver, form, shape.shape[1]))
+                    parts.append({c: t * shape for c, t in tables.items()})
+        if drafts:
+            yield changes, drafts, {c: np.concatenate([one[c] for one in parts], axis=1) for c in parts[0]}
 
 
-def forms(changes: str, driver: str, column: Array) -> Sequence[str]:
-    """Name the forms in which a quantity may follow a driver."""
+def forms(changes: str, driver: str, *, on_or_off: bool) -> Sequence[str]:
+    """Name the forms in which a quantity may follow a driver, which may be one that is on or off."""
     if changes in _READ or driver == changes:
         return ("linear",) if driver == changes and changes in _READ else ()
     if driver == ANGLE:
         return ("periodic",) if changes in SHOWN else ()
-    if _on_or_off(column):
+    if on_or_off:
         return ("step",)
     # Heat or a supply voltage changes the gain of a sensor; what a wheel does, no sensor follows.
     gain = changes in SHOWN and is_column(driver)
@@ -263,12 +276,14 @@ def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
         found = shapes.of_stretches(driver, column, wheel.segment[rows])
         places = np.append(places, [one.at for one in found if one.name == "step"])
 
-    def taken(at: float) -> float:
-        above = column > at
-        sums = [np.nansum(own[above]) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals]
-        return float(sum(sums)) / max(float(np.mean(above)) * float(np.mean(~above)), 1e-12)
-
-    return max(map(float, places), key=taken, default=0.0)
+    if len(places) == 0:
+        return 0.0
+    above = (column[:, None] > places).astype(float)
+    share = above.mean(axis=0)
+    sums = np.sum(
+        [(np.nan_to_num(own) @ above) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals], axis=0
+    )
+    return float(places[np.argmax(sums / np.maximum(share * (1.0 - share), 1e-12))])
 
 
 def write(  # noqa: C901, PLR0915 - one branch for each form
