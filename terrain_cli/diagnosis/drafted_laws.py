@@ -126,19 +126,13 @@ def screen(
     channels: Mapping[str, Array],
     rows: Index,
     steps: Mapping[str, float],
-) -> Iterator[tuple[str, list[tuple[str, str, int]], dict[str, Array]]]:
-    """Yield the signatures of all drafts of a quantity without writing them.
+) -> Iterator[tuple[str, dict[tuple[str, str], dict[str, Array]]]]:
+    """Yield every quantity with the signatures of its drafts, by driver and form, without writing them.
 
-    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves. With the quantity come
-    driver, form and number of columns of each draft, and tables by channel, shape (n, columns of all).
-    `values` are the drivers' at the rows, `steps` what `step_of` returns of each.
+    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves: tables by channel, shape
+    (n, columns). `values` are the drivers' at the rows, `steps` what `step_of` returns of each.
     """
-
-    @cache
-    def shape_of(driver: str, form: str, own_offset: bool) -> Array | None:
-        found = _shapes(form, values[driver], steps[driver], own_offset=own_offset)
-        return None if found is None else np.nan_to_num(found)
-
+    shape_of = cache(lambda driver, form, own: _shapes(form, values[driver], steps[driver], own_offset=own))
     on_or_off = {driver for driver, column in values.items() if _on_or_off(column)}
     shown = [name for name in SHOWN if name in wheel.measured]
     read = [name for name in _READ if name in channels]
@@ -154,19 +148,14 @@ def screen(
         ]
         found = [one.tables for one in signatures.of_effects(wheel, effects, channels, rows)]
         of_gain, of_offset = found[0], found[-1]
-        drafts, parts = list[tuple[str, str, int]](), list[dict[str, Array]]()
-        if changes in SENSED:
-            drafts.append(("", "constant", 1))
-            parts.append(of_offset)
+        drafts = {("", "constant"): of_offset} if changes in SENSED else {}
         for driver in values:
             for form in forms(changes, driver, on_or_off=driver in on_or_off):
                 shape = shape_of(driver, form, changes in SENSED)
                 if shape is not None:
                     tables = of_gain if form == "gain" else of_offset
-                    drafts.append((driver, form, shape.shape[1]))
-                    parts.append({c: t * shape for c, t in tables.items()})
-        if drafts:
-            yield changes, drafts, {c: np.concatenate([one[c] for one in parts], axis=1) for c in parts[0]}
+                    drafts[driver, form] = {c: t * shape for c, t in tables.items()}
+        yield changes, drafts
 
 
 def forms(changes: str, driver: str, *, on_or_off: bool) -> Sequence[str]:
@@ -256,15 +245,13 @@ def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
     Of the wheel's angle, how often in a turn they return most.
     """
     column = readable(wheel)[driver].values[rows]
-    residuals = [own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()]
+    residuals = np.nan_to_num([own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()])
+    residuals /= np.maximum(np.sqrt((residuals**2).sum(axis=1, keepdims=True)), 1e-150)
     if driver == ANGLE:
         returns = [round(2.0 * np.pi / (one.at or np.inf)) for one in shapes.of_turning(driver, [column])]
 
         def swing(count: int) -> float:
-            turned = np.exp(1j * count * column)
-            return float(
-                sum(abs(np.nansum(own * turned)) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals)
-            )
+            return float((np.abs(residuals @ np.nan_to_num(np.exp(1j * count * column))) ** 2).sum())
 
         return float(max(returns, key=swing, default=1))
     levels = np.unique(column[np.isfinite(column)])
@@ -280,10 +267,8 @@ def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
         return 0.0
     above = (column[:, None] > places).astype(float)
     share = above.mean(axis=0)
-    sums = np.sum(
-        [(np.nan_to_num(own) @ above) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals], axis=0
-    )
-    return float(places[np.argmax(sums / np.maximum(share * (1.0 - share), 1e-12))])
+    taken = ((residuals @ above) ** 2).sum(axis=0) / np.maximum(share * (1.0 - share), 1e-12)
+    return float(places[np.argmax(taken)])
 
 
 def write(  # noqa: C901, PLR0915 - one branch for each form

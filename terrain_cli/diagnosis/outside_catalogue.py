@@ -53,11 +53,16 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         # What a law takes off is the same however the samples are cut into blocks.
         one_block = np.zeros(len(rows), dtype=np.intp)
         screened = drafted_laws.screen(wheel, values, known.channels, rows, steps)
-        for changes, drafts, tables in screened:
-            white = known.whitened(tables, sum(width for _, _, width in drafts))
+        for changes, drafts in screened:
+            if not drafts:
+                continue
+            several = list(drafts.values())
+            tables = {name: np.concatenate([one[name] for one in several], axis=1) for name in several[0]}
+            white = known.whitened(tables, next(iter(tables.values())).shape[1])
             found, _ = signatures.scores(known.residual, known.soil, white, wheel.window[rows], one_block, 1)
             first = 0
-            for driver, form, width in drafts:
+            for (driver, form), own in drafts.items():
+                width = next(iter(own.values())).shape[1]
                 _, _, gain = found.fit(np.arange(first, first + width))
                 key = (changes, driver, form)
                 # Where a step is was chosen too.
