@@ -35,6 +35,13 @@ def folds(window: Index, block: Index) -> Index:
     return np.unique(fold, return_inverse=True)[1].astype(np.intp)
 
 
+def cells(window: Index, fold: Index) -> tuple[Index, Index, Index]:
+    """Return the window and the fold of each cell, shape (cells,), and the cell of each sample."""
+    count = int(fold.max(initial=0)) + 1
+    code, cell = np.unique(window * count + fold, return_inverse=True)
+    return code // count, code % count, cell.astype(np.intp)
+
+
 def predict(wheel: FittedWheel, block: Index, scale: Mapping[str, float]) -> dict[str, Array]:
     """Predict every sample, by channel and of shape (n,), by a fit of the other blocks.
 
@@ -62,7 +69,8 @@ def predict(wheel: FittedWheel, block: Index, scale: Mapping[str, float]) -> dic
         return found
 
     there = tuple(wheel.measured)
-    out = prediction.values(wheel.model, wheel.geometry, wheel.read, parameters, there)
+    near = whole.get("sinkage")
+    out = prediction.values(wheel.model, wheel.geometry, wheel.read, parameters, there, near)
     change = {name: np.nan_to_num((out[name] - whole[name]) / scale[name]) for name in there}
     far = np.flatnonzero(_per_fold(change, fold)[fold] > _FAR)
     if len(far):
@@ -103,9 +111,7 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     In the unit sought: logarithms of parameters that are positive.
     """
     names = (*wheel.soil, *wheel.common)
-    pairs, cell = np.unique(np.stack([wheel.window, fold]), axis=1, return_inverse=True)
-    cell = cell.ravel().astype(np.intp)
-    cells = pairs.shape[1]
+    window_of, fold_of, cell = cells(wheel.window, fold)
     tables = wheel.slopes(wheel.read, np.arange(len(wheel)))
     for table in tables.values():
         for column, parameter in enumerate(names):
@@ -115,8 +121,8 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     design = np.stack([table / scale[name] for name, table in tables.items()], axis=1)
     unknown = ~np.isfinite(error)
     error[unknown], design[unknown] = 0.0, 0.0
-    information = normal_equations.products(design, design, cell, cells)
-    score = normal_equations.products(design, error[..., None], cell, cells)[..., 0]
+    information = normal_equations.products(design, design, cell, len(fold_of))
+    score = normal_equations.products(design, error[..., None], cell, len(fold_of))[..., 0]
     prior = np.diag([wheel.prior[name] ** -2.0 for name in names])
     own = wheel.model.parameters
     low, high = (
@@ -128,7 +134,7 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     farthest = FARTHEST * np.array([wheel.prior[name] for name in wheel.common])
     reach = (np.maximum(low - here, -farthest), np.minimum(high - here, farthest))
     return cell, normal_equations.leave_out(
-        information, score, pairs[0], pairs[1], prior, len(wheel.soil), reach
+        information, score, window_of, fold_of, prior, len(wheel.soil), reach
     )
 
 

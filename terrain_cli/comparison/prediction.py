@@ -1,12 +1,13 @@
 """Torque, drawbar pull and sinkage of the measured samples, and their derivatives by what was fitted."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry, predict
+from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry, predict
 from terrain_cli.vocabulary.arrays import Array
 
 #: From samples, by their indices, to every parameter of the soil and of the effects of each.
@@ -31,12 +32,13 @@ def values(
     channels: Mapping[str, Array],
     parameters: Parameters,
     wanted: Sequence[str] = (),
+    near: Array | None = None,
 ) -> dict[str, Array]:
     """Predict the channels wanted, all that are `compared` by default; NaN where not predictable.
 
     Torque and drawbar pull follow from the sinkage as measured, or, where that is not, from the one at which
     the soil carries the load; the sinkage always from the load. `channels` are as measured, in SI units, and
-    NaN where not known.
+    NaN where not known. Sinkages are sought from those `near` on, or else from those measured.
     """
     wanted = tuple(wanted) or compared(model, channels)
     given_sinkage = _known(channels, "sinkage")
@@ -47,7 +49,17 @@ def values(
         names = [name for name in wanted if load_given == (name == "sinkage" or not given_sinkage)]
         if names:
             rows = _rows(model, channels, needed)
-            found = _predict(model, wheel, channels, parameters, rows, load_given=load_given)
+            start = channels.get("sinkage") if near is None else near
+            found = _predict(
+                model,
+                wheel,
+                channels,
+                parameters,
+                rows,
+                given="load" if load_given else "sinkage",
+                start=None if start is None else start[rows],
+                forces=names != ["sinkage"],
+            )
             for name in names:
                 result[name][rows] = value(getattr(found, name))
     return result
@@ -74,7 +86,8 @@ def derivatives(
         needed = (*needed, "load")
     rows = _rows(model, channels, needed)
     by = (*names, *(("sinkage",) if "sinkage" in wanted else ()))
-    found = _predict(model, wheel, channels, parameters, rows, load_given=not given_sinkage, by=by)
+    given: Given = "sinkage" if given_sinkage else "load"
+    found = _predict(model, wheel, channels, parameters, rows, given=given, by=by)
     for name in wanted:
         number = found.balance if name == "sinkage" and given_sinkage else getattr(found, name)
         table = np.zeros((len(rows), len(names)))
@@ -100,9 +113,7 @@ def _predict(
     channels: Mapping[str, Array],
     parameters: Parameters,
     rows: NDArray[np.intp],
-    *,
-    load_given: bool,
-    by: Sequence[str] = (),
+    **options: Any,
 ) -> Prediction:
     # An effect far from what it can be may leave no contact: no prediction, and no warning.
     with np.errstate(all="ignore"):
@@ -111,7 +122,5 @@ def _predict(
             wheel,
             {name: column[rows] for name, column in channels.items()},
             parameters(rows),
-            given="load" if load_given else "sinkage",
-            by=by,
-            start=channels["sinkage"][rows] if load_given and "sinkage" in channels else None,
+            **options,
         )

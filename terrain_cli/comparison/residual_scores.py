@@ -28,7 +28,7 @@ _SLAB, _FEW = 8_192, 16_384
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreCell:
-    """Some samples of one channel, in one block and one group."""
+    """Some samples of one channel, in one group and, unless blocks are of no matter, in one block."""
 
     group: int
     block: int
@@ -95,13 +95,15 @@ class ResidualEvidence:
         return out
 
     def cells(
-        self, channel: str, shapes: Sequence[Shape], columns: Index, weight: float
+        self, channel: str, shapes: Sequence[Shape], columns: Index, weight: float, *, by_block: bool = True
     ) -> Iterator[ScoreCell]:
-        """Yield the samples of a channel by block and group; `columns` places its terms among all."""
+        """Yield the samples of a channel by group, and block; `columns` places its terms among all."""
         residual = self.residuals.get(channel)
         if residual is None or len(self) == 0:
             return
-        change = (self.group[1:] != self.group[:-1]) | (self.block[1:] != self.block[:-1])
+        change = self.group[1:] != self.group[:-1]
+        if by_block:
+            change |= self.block[1:] != self.block[:-1]
         ends = np.append(np.flatnonzero(change) + 1, len(self))
         known = np.isfinite(residual)
         error = np.where(known, residual, 0.0)

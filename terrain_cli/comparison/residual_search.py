@@ -68,16 +68,17 @@ class Search:
             self.columns[channel] = np.r_[: self.common, start : start + len(each)]
             start += len(each)
         self.blocks, (self.groups, self.soil) = blocks, precision.shape
-        self.system = System(precision, blocks, start).add(self._cells())
+        self.system = System(precision, blocks, start).add(self._cells(by_block=False))
 
-    def _cells(self) -> Iterator[ScoreCell]:
+    def _cells(self, *, by_block: bool) -> Iterator[ScoreCell]:
         for wheel in self.wheels:
             for channel, shapes in self.shapes.items():
-                yield from wheel.cells(channel, shapes, self.columns[channel], self.scale[channel] ** -2.0)
+                weight = self.scale[channel] ** -2.0
+                yield from wheel.cells(channel, shapes, self.columns[channel], weight, by_block=by_block)
 
     def scores(self) -> Array:
         """Return the scores of all terms in what is left of the residuals, (blocks, terms)."""
-        return self.system.scores(self._cells())
+        return self.system.scores(self._cells(by_block=True))
 
     def join(self, label: Index) -> None:
         """Join blocks: `label`, shape (blocks,), is what each becomes part of."""
@@ -89,7 +90,7 @@ class Search:
 
         The places of `chosen` count from the common parameters on, as those of the system do.
         """
-        fitted = self.system.fit([*range(self.common), *chosen], self._cells())
+        fitted = self.system.fit([*range(self.common), *chosen], self._cells(by_block=False))
         coefficients = np.zeros(self.common + len(self.terms))
         coefficients[fitted.terms] = fitted.coefficients
         self.wheels = [

@@ -263,8 +263,8 @@ def _linear(
         found, tables = smoothed_model.forecast(model, data, numbers, names, order=smoothed_model.ORDER)
     else:
         found, tables, guess = smoothed_model.nearby(model, data, numbers, names, guess)
-    scale = sought.slopes(t, common)[data.window]
-    design = data.white({name: table * scale for name, table in tables.items()}, data.seen)
+    design = data.white(tables, data.seen)
+    design *= sought.slopes(t, common)[data.window][:, None]
     left = smoothed_model.residual(data, found)
     # Where there is no answer there is no slope either.
     design[np.all(np.abs(left) >= smoothed_model.NO_ANSWER, axis=1)] = 0.0

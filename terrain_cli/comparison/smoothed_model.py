@@ -116,6 +116,7 @@ def forecast(
                 by=by,
                 order=order,
                 start=None if guess is None else guess[some],
+                forces=names != ("sinkage",),
             )
     for name in names:
         number = getattr(part, name)

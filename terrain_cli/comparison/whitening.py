@@ -69,8 +69,12 @@ class Whitening:
 
 
 def _each(matrix: NDArray[Any], stacked: Array) -> Array:
-    """Multiply a matrix of the channels by each sample of (n, c, …)."""
-    return np.asarray(stacked @ matrix.T if stacked.ndim == 2 else matrix @ stacked)
+    """Multiply a matrix of the channels by each sample of (n, c, …), in one product of matrices."""
+    if stacked.ndim == 2:
+        return np.asarray(stacked @ matrix.T)
+    n, c, width = stacked.shape
+    found = matrix @ stacked.transpose(1, 0, 2).reshape(c, n * width)
+    return np.ascontiguousarray(found.reshape(c, n, width).transpose(1, 0, 2))
 
 
 def of_residuals(

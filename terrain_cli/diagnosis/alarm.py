@@ -249,8 +249,14 @@ def missing_effects(file: ModelFile, effects: Sequence[Effect] | None = None) ->
     return [effect for effect in every if effect.id not in there]
 
 
-def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile, seed: int) -> EffectScores:
-    """Score every effect of the catalogue on a model as it was fitted and compared.
+def score(
+    comparison: Comparison,
+    wheels: Sequence[FittedWheel],
+    file: ModelFile,
+    effects: Sequence[Effect],
+    seed: int,
+) -> EffectScores:
+    """Score effects that a model lacks, as it was fitted and compared.
 
     As in a diagnosis, chance must give neither the largest score nor a gain on held-out blocks, and the
     effect must be large enough. Where the errors are those of noise, it is fitted for that: then only what it
@@ -258,7 +264,6 @@ def score(comparison: Comparison, wheels: Sequence[FittedWheel], file: ModelFile
     """
     block = [one.blocks for one in comparison.wheels]
     close = not above_noise(over_noise(comparison))
-    effects = missing_effects(file)
     hypotheses, _ = screening.hypotheses(file, wheels, effects)
     scored = [one for one in hypotheses if one.effects]
     unrecorded = screening.unrecorded(effects, wheels)

@@ -58,13 +58,13 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     few, warnings = on_few_soils(joined, case.file.model, settings, further=further, progress=case.progress)
     warnings = [*read, *warnings]
     comparison = of_fitted(few, seed=case.seed, warnings=warnings, progress=case.progress)
-    needed, steps = several_soils.on_more(comparison, few, case.file, case.effects, case.progress)
+    needed, steps, cut = several_soils.on_more(comparison, few, case.file, case.effects, case.progress)
     if steps:
         warnings = [*warnings, *steps]
         comparison = of_fitted(needed, seed=case.seed, warnings=warnings, progress=case.progress)
     block = [one.blocks for one in comparison.wheels]
     hypotheses, not_testable = screening.hypotheses(case.file, needed, case.effects)
-    cut = refits.ground(needed, block, several_soils.MOST_SAMPLES)
+    cut = cut or refits.ground(needed, block, several_soils.MOST_SAMPLES)
     case.progress("one soil or several")
     chosen, own, instead = several_soils.on_fewer(cut, block, hypotheses, case.progress)
     if any(wheel.one_soil for wheel in chosen.wheels):

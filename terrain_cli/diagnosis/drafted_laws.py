@@ -7,6 +7,7 @@ there: fitted, held out, judged.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -125,12 +126,14 @@ def screen(
     channels: Mapping[str, Array],
     rows: Index,
     steps: Mapping[str, float],
-) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
-    """Yield the signatures of all drafts without writing them.
+) -> Iterator[tuple[str, dict[tuple[str, str], dict[str, Array]]]]:
+    """Yield every quantity with the signatures of its drafts, by driver and form, without writing them.
 
     What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves: tables by channel, shape
     (n, columns). `values` are the drivers' at the rows, `steps` what `step_of` returns of each.
     """
+    shape_of = cache(lambda driver, form, own: _shapes(form, values[driver], steps[driver], own_offset=own))
+    on_or_off = {driver for driver, column in values.items() if _on_or_off(column)}
     shown = [name for name in SHOWN if name in wheel.measured]
     read = [name for name in _READ if name in channels]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
@@ -145,24 +148,23 @@ def screen(
         ]
         found = [one.tables for one in signatures.of_effects(wheel, effects, channels, rows)]
         of_gain, of_offset = found[0], found[-1]
-        if changes in SENSED:
-            yield changes, "", "constant", of_offset
-        for driver, column in values.items():
-            for form in forms(changes, driver, column):
-                shape = _shapes(form, column, steps[driver], own_offset=changes in SENSED)
+        drafts = {("", "constant"): of_offset} if changes in SENSED else {}
+        for driver in values:
+            for form in forms(changes, driver, on_or_off=driver in on_or_off):
+                shape = shape_of(driver, form, changes in SENSED)
                 if shape is not None:
-                    shape = np.nan_to_num(shape)
                     tables = of_gain if form == "gain" else of_offset
-                    yield changes, driver, form, {c: t * shape for c, t in tables.items()}
+                    drafts[driver, form] = {c: t * shape for c, t in tables.items()}
+        yield changes, drafts
 
 
-def forms(changes: str, driver: str, column: Array) -> Sequence[str]:
-    """Name the forms in which a quantity may follow a driver."""
+def forms(changes: str, driver: str, *, on_or_off: bool) -> Sequence[str]:
+    """Name the forms in which a quantity may follow a driver, which may be one that is on or off."""
     if changes in _READ or driver == changes:
         return ("linear",) if driver == changes and changes in _READ else ()
     if driver == ANGLE:
         return ("periodic",) if changes in SHOWN else ()
-    if _on_or_off(column):
+    if on_or_off:
         return ("step",)
     # Heat or a supply voltage changes the gain of a sensor; what a wheel does, no sensor follows.
     gain = changes in SHOWN and is_column(driver)
@@ -243,15 +245,13 @@ def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
     Of the wheel's angle, how often in a turn they return most.
     """
     column = readable(wheel)[driver].values[rows]
-    residuals = [own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()]
+    residuals = np.nan_to_num([own[rows] - np.nanmean(own[rows]) for own in wheel.residuals.values()])
+    residuals /= np.maximum(np.sqrt((residuals**2).sum(axis=1, keepdims=True)), 1e-150)
     if driver == ANGLE:
         returns = [round(2.0 * np.pi / (one.at or np.inf)) for one in shapes.of_turning(driver, [column])]
 
         def swing(count: int) -> float:
-            turned = np.exp(1j * count * column)
-            return float(
-                sum(abs(np.nansum(own * turned)) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals)
-            )
+            return float((np.abs(residuals @ np.nan_to_num(np.exp(1j * count * column))) ** 2).sum())
 
         return float(max(returns, key=swing, default=1))
     levels = np.unique(column[np.isfinite(column)])
@@ -263,12 +263,12 @@ def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
         found = shapes.of_stretches(driver, column, wheel.segment[rows])
         places = np.append(places, [one.at for one in found if one.name == "step"])
 
-    def taken(at: float) -> float:
-        above = column > at
-        sums = [np.nansum(own[above]) ** 2 / (np.nansum(own**2) or 1.0) for own in residuals]
-        return float(sum(sums)) / max(float(np.mean(above)) * float(np.mean(~above)), 1e-12)
-
-    return max(map(float, places), key=taken, default=0.0)
+    if len(places) == 0:
+        return 0.0
+    above = (column[:, None] > places).astype(float)
+    share = above.mean(axis=0)
+    taken = ((residuals @ above) ** 2).sum(axis=0) / np.maximum(share * (1.0 - share), 1e-12)
+    return float(places[np.argmax(taken)])
 
 
 def write(  # noqa: C901, PLR0915 - one branch for each form

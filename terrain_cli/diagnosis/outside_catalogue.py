@@ -3,8 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
-from operator import itemgetter
 
 import numpy as np
 
@@ -55,16 +53,16 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         # What a law takes off is the same however the samples are cut into blocks.
         one_block = np.zeros(len(rows), dtype=np.intp)
         screened = drafted_laws.screen(wheel, values, known.channels, rows, steps)
-        for changes, drafts in groupby(screened, key=itemgetter(0)):
-            several = [
-                (draft[1:3], known.whitened(draft[3], next(iter(draft[3].values())).shape[1]))
-                for draft in drafts
-            ]
-            tables = np.concatenate([table for _, table in several], axis=2)
-            found, _ = signatures.scores(known.residual, known.soil, tables, wheel.window[rows], one_block, 1)
+        for changes, drafts in screened:
+            if not drafts:
+                continue
+            several = list(drafts.values())
+            tables = {name: np.concatenate([one[name] for one in several], axis=1) for name in several[0]}
+            white = known.whitened(tables, next(iter(tables.values())).shape[1])
+            found, _ = signatures.scores(known.residual, known.soil, white, wheel.window[rows], one_block, 1)
             first = 0
-            for (driver, form), table in several:
-                width = table.shape[2]
+            for (driver, form), own in drafts.items():
+                width = next(iter(own.values())).shape[1]
                 _, _, gain = found.fit(np.arange(first, first + width))
                 key = (changes, driver, form)
                 # Where a step is was chosen too.

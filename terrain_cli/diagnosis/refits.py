@@ -264,9 +264,8 @@ def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[
 def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Array, dict[str, Array]]:
     """Predict every sample by the parameters without its block, one step of Gauss and Newton away."""
     fold = held_out.folds(part.window, block)
-    pairs, cell = np.unique(np.stack([part.window, fold]), axis=1, return_inverse=True)
-    cell = cell.ravel().astype(np.intp)
-    information, score = smoothed_fit.moments(solution.design, solution.residual, cell, pairs.shape[1])
+    window_of, fold_of, cell = held_out.cells(part.window, fold)
+    information, score = smoothed_fit.moments(solution.design, solution.residual, cell, len(fold_of))
     q, m = solution.t.shape[1], len(solution.common)
     prior = solution.spread * np.eye(q + m)
     sought = solution.unknowns
@@ -274,7 +273,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     farthest = held_out.FARTHEST
     reach = (np.maximum(low - solution.common, -farthest), np.minimum(high - solution.common, farthest))
     moved = np.clip(
-        normal_equations.leave_out(information, score, pairs[0], pairs[1], prior, q, reach),
+        normal_equations.leave_out(information, score, window_of, fold_of, prior, q, reach),
         -farthest,
         farthest,
     )

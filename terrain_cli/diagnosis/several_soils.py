@@ -64,21 +64,24 @@ def on_more(
     file: ModelFile,
     effects: Sequence[Effect],
     progress: Callable[[str], None] = lambda _: None,
-) -> tuple[list[FittedWheel], list[str]]:
-    """Take another soil, told where, from a sample on if a model misses and no effect predicts as well."""
+) -> tuple[list[FittedWheel], list[str], Ground | None]:
+    """Take another soil, told where, from a sample on if a model misses and no effect predicts as well.
+
+    Also returned is the base on these wheels, where that had to be fitted for it.
+    """
     misses = found.failures or above_noise(over_noise(found))
     if not misses or found.blocks < criteria.BLOCKS_OF_ALARM:
-        return list(wheels), []
+        return list(wheels), [], None
     progress("one soil or several")
     block = [one.blocks for one in found.wheels]
     data = refits.ground(wheels, block, MOST_SAMPLES)
     steps = _with_steps(data, block)
     if steps is None:
-        return list(wheels), []
+        return data.wheels, [], data
     hypotheses, _ = screening.hypotheses(file, wheels, effects)
     if _stands_for_soils(data, block, steps[0], hypotheses, progress) is not None:
-        return list(wheels), []
-    return steps[0].wheels, steps[1]
+        return data.wheels, [], data
+    return steps[0].wheels, steps[1], None
 
 
 def enough_with(

@@ -16,7 +16,7 @@ from terrain_cli.comparison.comparison_outcome import Soils, WheelComparison
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.two_models import between_soils, paired_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
-from terrain_cli.effects import catalogue
+from terrain_cli.effects import Effect, catalogue
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings, estimate_beside
 from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
@@ -39,6 +39,7 @@ class _OnSoils(NamedTuple):
 
     wheels: Sequence[Windows]  # As they were cut
     file: ModelFile
+    missing: Sequence[Effect]  # Effects that it does not have
     fitted: Sequence[FittedWheel]
     told: Sequence[str]  # What has to be said about it
 
@@ -49,13 +50,12 @@ class _OnSoils(NamedTuple):
         further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
         known = with_inputs(wheels, [*file.model.effects, *missing])
         several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
-        return cls(wheels, file, several, told)
+        return cls(wheels, file, missing, several, told)
 
     def on_needed(self, **options: Any) -> tuple[_OnSoils, Comparison]:
         """Compare it on the soils that it needs, which may be more; options are those of `compared`."""
         found = self.compared(**options)
-        missing = alarm.missing_effects(self.file)
-        fitted, steps = several_soils.on_more(found, self.fitted, self.file, missing)
+        fitted, steps, _ = several_soils.on_more(found, self.fitted, self.file, self.missing)
         if not steps:
             return self, found
         more = self._replace(fitted=fitted, told=[*self.told, *steps])
@@ -63,7 +63,7 @@ class _OnSoils(NamedTuple):
 
     def compared(self, soils: EstimateRequest | None = None, *, seed: int, **options: Any) -> Comparison:
         """Compare it with what was measured; options are those of `of_fitted`."""
-        wheels, file, fitted, told = self
+        wheels, file, missing, fitted, told = self
         found = of_fitted(fitted, seed=seed, warnings=told, **options)
         return replace(
             found,
@@ -73,7 +73,7 @@ class _OnSoils(NamedTuple):
                 [one.samples.source for one in wheels],
                 sum(len(one.windows.rows) for one in found.wheels),
             ),
-            scores=cache(partial(alarm.score, found, fitted, file, seed)),
+            scores=cache(partial(alarm.score, found, fitted, file, missing, seed)),
         )
 
 

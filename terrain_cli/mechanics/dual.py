@@ -156,16 +156,21 @@ CLOSE = 1e-12  # Error that a root may have, as a share
 
 
 def carrying(
-    carried: Callable[[Any], Any], load: Array, start: Array, deepest: float, close: float = CLOSE
+    carried: Callable[[Array], Array],
+    load: Array,
+    start: Array,
+    steep: Array,
+    deepest: float,
+    close: float = CLOSE,
 ) -> tuple[Array, Mask]:
     """Find the sinkage in m at which a soil carries a load in N, and tell where there is one.
 
-    A step of Newton and then steps along secants, on the logarithms, of which load and sinkage nearly are a
-    line, kept within a bracket that bisection narrows where a step would leave it.
+    Steps along secants, on the logarithms, of which load and sinkage nearly are a line, kept within a bracket
+    that bisection narrows where a step would leave it.
 
-    `carried` gives the load of a sinkage, with its derivative if the sinkage has one; `start` is a guess, of
-    which NaN will do, `deepest` the most that is sought, and `close` the error that may be left, as a share.
-    There is none where the soil does not carry the load at the deepest, or the load is not positive.
+    `carried` gives the load of a sinkage; `start` is a guess, of which NaN will do, and `steep` one of the
+    slope of the logarithms. `deepest` is the most that is sought, and `close` the error that may be left, as
+    a share. There is none where the soil does not carry the load at the deepest, or the load is not positive.
     """
     high = np.full(load.shape, np.log(deepest))
     low = high + np.log(1e-9)
@@ -174,17 +179,16 @@ def carrying(
         place = np.where((place > low) & (place < high), place, high - 1.0)
         hopeless = ~(load > 0.0)
         done = hopeless.copy()
-        first = carried(seed(np.exp(place), UNKNOWN))
-        here = value(first)
-        steep, way = slopes(first)[UNKNOWN] * np.exp(place) / here, None
+        # Before the first secant a step may be off by as much as it is long.
+        here, way = carried(np.exp(place)), np.ones(load.shape)
         for number in range(_STEPS):
             short = here < load
             low, high = np.where(short, place, low), np.where(short, high, place)
             step = np.log(load / here) / steep
             target = place + step
             safe = (target > low) & (target < high)
-            # What a step leaves is less than its product with the one before; with itself, of Newton's.
-            last = np.abs(step * (step if way is None else way)) <= close
+            # What a step leaves is less than its product with the one before.
+            last = np.abs(step * way) <= close
             # As small a step may leave the bracket by rounding.
             target = np.where(safe | last, target, 0.5 * (low + high))
             target = np.where(done, place, target)

@@ -131,7 +131,7 @@ class Prediction:
     # shape (n,): load that the soil carries at the sinkage measured, less the load that is on it, in N
     balance: Any
     load: Any  # shape (n,): the first of these, in N
-    # torque, drawbar_pull: shape (n,): as the sensors show them, in N m and N
+    # torque, drawbar_pull: shape (n,): as the sensors show them, in N m and N; None where not asked for
     torque: Any
     drawbar_pull: Any
     sinkage: Any  # shape (n,): as the sensor shows it, in m; NaN where the soil does not carry the load
@@ -147,6 +147,7 @@ def predict(
     by: Collection[str] = (),
     order: int | None = None,
     start: ArrayLike | None = None,
+    forces: bool = True,
 ) -> Prediction:
     """Predict the forces on a wheel, and its sinkage where that is not given.
 
@@ -154,9 +155,9 @@ def predict(
     effects need; the linear base needs load and sinkage. `values` has every parameter of the soil and of the
     effects, one number or one for each sample. `given`: take the sinkage as measured, which needs no root, or
     solve for the one at which the soil carries the load, from a first guess `start` in m, of which NaN will
-    do; of no influence on the linear base. `by` are parameters, and "load", "sinkage" and "slip" as measured,
-    by which to differentiate; `order` is nodes on each arc, instead of as many as give 1e-8. InputError: a
-    channel is missing.
+    do; of no influence on the linear base. Without `forces` torque and pull at that sinkage are left out.
+    `by` are parameters, and "load", "sinkage" and "slip" as measured, by which to differentiate; `order` is
+    nodes on each arc, instead of as many as give 1e-8. InputError: a channel is missing.
     """
     keep_freed()
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
@@ -176,7 +177,7 @@ def predict(
                 frozenset(by),
                 order,
                 None if guess is None else guess[part],
-            ).run(given)
+            ).run(given, forces=forces)
         )
     return Prediction(**{f.name: _join([getattr(p, f.name) for p in parts]) for f in fields(Prediction)})
 
@@ -238,7 +239,7 @@ class _Block:
             q[quantity] = effect.laws[quantity](ChainMap(self.own[effect.id], q))
         return q[quantity]
 
-    def run(self, given: Given) -> Prediction:
+    def run(self, given: Given, *, forces: bool) -> Prediction:
         q = _Missing(self.start)
         self.law("slip", q)
         if "load" in q:
@@ -255,6 +256,8 @@ class _Block:
             return Prediction(balance, carried, *self.shown(q), None)
         load = q["load"]
         q["sinkage"] = self.sought_sinkage(q, load)
+        if not forces:
+            return Prediction(None, load, None, None, self.law("sinkage", q))
         self.under_wheel(q)
         torque, pull = self.shown(q)
         return Prediction(None, load, torque, pull, self.law("sinkage", q))
@@ -350,6 +353,7 @@ class _Block:
             lambda z: plain.under_wheel(_Missing({**known, "sinkage": z})),
             wanted,
             np.broadcast_to(start, self.shape),
+            exponent + 0.5,
             deepest,
             dual.CLOSE if self.order is None else _NEAR,
         )

@@ -219,7 +219,7 @@ def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[A
         step, shift, found = _unbounded(_held(normal, hold, to, to_shared, t, common), t, common)
     whole, shift = shift, np.clip(common + shift, low_shared, high_shared) - common
     shift = shift / max(np.max(np.abs(shift) / most_shared, initial=1.0), 1.0)
-    if len(common) and not np.allclose(shift, whole, rtol=_NEAR, atol=_NEAR):
+    if not np.all(np.abs(shift - whole) <= _NEAR * (1.0 + np.abs(whole))):
         # The windows' own unknowns go with as much of it as is taken.
         held = _held(normal, hold, to, np.where(out_shared, shift, 0.0), t, common)
         step = found.behind(held.score[:, :local] - t, shift)
