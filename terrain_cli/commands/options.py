@@ -31,6 +31,7 @@ CONTEXT = {"auto_envvar_prefix": "TERRAIN_EST"}
 MOST_SAMPLES = 10**12
 _MOST_FOLDS = 10**6
 
+_QUIET = "Say nothing on stderr but errors."
 _MOST_AMOUNT = 1e9  # Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground
 
 
@@ -112,10 +113,21 @@ def _bound_copies(_context: click.Context, _option: click.Parameter, gigabytes: 
 def verb(
     name: str, *examples: str, cls: type[click.Command] = paths.Verb, short_help: str | None = None
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """Return the decorator of a verb, whose help ends with examples, each what a person types."""
-    return click.command(
+    """Return the decorator of a verb, whose help ends with examples, each what a person types.
+
+    Every verb takes --quiet: a script that gives it to all of them need not know which have something to say.
+    """
+    make = click.command(
         name, cls=cls, context_settings=CONTEXT, short_help=short_help, epilog=_epilog(examples)
     )
+
+    def decorated(function: Callable[..., Any]) -> click.Command:
+        made = make(function)
+        if all(option.name != "quiet" for option in made.params):
+            made.params.append(click.Option(["-q", "--quiet"], is_flag=True, expose_value=False, help=_QUIET))
+        return made
+
+    return decorated
 
 
 def group(name: str, *examples: str) -> Callable[[Callable[..., Any]], click.Group]:
@@ -243,7 +255,7 @@ as_json = click.option(
 force = click.option(
     "--force", is_flag=True, help="Replace existing files, even those that are not earlier results."
 )
-quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
+quiet = click.option("-q", "--quiet", is_flag=True, help=_QUIET)
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
 
 
