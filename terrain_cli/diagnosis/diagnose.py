@@ -46,7 +46,7 @@ def diagnose(
     log = scores(case, log)
     early(log.found)
     base = refits.refit(log.data, None)
-    alarm = steps.alarm_of_scores(case, log)
+    alarm = steps.alarm_of_scores(case, log, base)
     if not alarm.raised:
         return _silent(case, log, base, alarm)
     ranked = steps.ranking(case, log, base)
