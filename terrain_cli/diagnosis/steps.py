@@ -128,7 +128,7 @@ def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
 def _of_laws(case: Case, log: DiagnosedLog, base: Refit) -> float:
     """Return how often chance gives what a drafted law gains that leaves only noise of a large misfit.
 
-    What changes as slowly as moisture is alike in one block after another: joined, they are too few for scores.
+    What changes as slowly as moisture is alike in block after block: joined, they are too few for scores.
     """
     # A model of which `compare` says that it fits is not doubted.
     if not above_noise(over_noise(log.comparison)) or not refits.leaves_much(log.data, base):
