@@ -157,7 +157,7 @@ KNOWN_EFFECTS = {
     ),
     "wheel-radius": KnownEffect(
         kind="sensor",
-        values={"relative_error": 0.04},
+        values={"relative_error": 0.04, "whole": 1.0},
         found_within=0.0001,
         signature=(MOVED, UP, UP),
     ),

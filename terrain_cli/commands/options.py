@@ -31,6 +31,8 @@ _MOST_SAMPLES = 10**12  # More than any log has, and no more than a sum of it ca
 _MOST_FOLDS = 10**6
 _MOST_AMOUNT = 1e9  # Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground
 
+_QUIET = "Say nothing on stderr but errors."
+
 
 class Amount(click.FloatRange):
     """A finite number: for click even nan lies within any range."""
@@ -124,10 +126,21 @@ def _bound_copies(_context: click.Context, _option: click.Parameter, gigabytes: 
 def verb(
     name: str, *examples: str, cls: type[click.Command] = paths.Verb, short_help: str | None = None
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """Return the decorator of a verb, whose help ends with examples, each what a person types."""
-    return click.command(
+    """Return the decorator of a verb, whose help ends with examples, each what a person types.
+
+    Every verb takes --quiet: a script that gives it to all of them need not know which have something to say.
+    """
+    make = click.command(
         name, cls=cls, context_settings=CONTEXT, short_help=short_help, epilog=_epilog(examples)
     )
+
+    def decorated(function: Callable[..., Any]) -> click.Command:
+        made = make(function)
+        if all(option.name != "quiet" for option in made.params):
+            made.params.append(click.Option(["-q", "--quiet"], is_flag=True, expose_value=False, help=_QUIET))
+        return made
+
+    return decorated
 
 
 def group(name: str, *examples: str) -> Callable[[Callable[..., Any]], click.Group]:
@@ -253,7 +266,7 @@ as_json = click.option(
 force = click.option(
     "--force", is_flag=True, help="Replace existing files, even those that are not earlier results."
 )
-quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
+quiet = click.option("-q", "--quiet", is_flag=True, help=_QUIET)
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
 
 

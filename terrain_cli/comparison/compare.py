@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.effect import CERTAIN
-from terrain_cli.vocabulary.quantities import counted, the_wheel
+from terrain_cli.vocabulary.quantities import counted, listed, the_wheel
 from terrain_cli.windows.cut_windows import thinned, unbroken
 
 if TYPE_CHECKING:
@@ -149,7 +149,8 @@ def of_fitted(
         for one in fitted
         for text in one.fit.impossible(one.settings.fixed)
     ]
-    warnings += _impossible_soils(fitted, made)
+    impossible = list(_impossible_soils(fitted, made))
+    warnings += [one.note for one in impossible]
     progress("predicting blocks left out")
     compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
@@ -165,14 +166,24 @@ def of_fitted(
         },
         failures=failures,
         warnings=warnings,
+        impossible=tuple(one.value for one in impossible),
     )
 
 
-def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[str]:
+class _Impossible(NamedTuple):
+    """A property of a soil that no soil has."""
+
+    value: str
+    note: str
+
+
+def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[_Impossible]:
     """Say where the model has a cohesion or friction angle clearly below nought, on data that suffice."""
     model = fitted[0].model
     called = " + ".join([model.base, *(effect.id for effect in model.effects)])
     missing = "an effect is wrong or missing" if model.effects else "an effect is missing"
+    shown = [name.replace("_", " ") for name in UNITS if any(name in wheel.measured for wheel in fitted)]
+    sensors = ["load", *shown]
     soils = [
         (wheel.fit, j, len(np.unique(block[wheel.window == j])) >= criteria.FEWEST_BLOCKS)
         for wheel, block in zip(fitted, made, strict=True)
@@ -186,10 +197,12 @@ def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> I
         ]
         wrong = [value for value, error in there if value < -CERTAIN * np.nan_to_num(error)]
         if wrong:
-            yield (
-                f"{called} gives a {what} of {min(wrong) * factor:.2g}{unit} in {len(wrong)} of "
-                f"{counted(len(soils), 'soil')}, which is physically impossible: {missing}, "
-                "or load, torque or sinkage is measured wrongly or with too much noise"
+            value = f"a {what} of {min(wrong) * factor:.2g}{unit}"
+            yield _Impossible(
+                value,
+                f"{called} gives {value} in {len(wrong)} of {counted(len(soils), 'soil')}, which is "
+                f"physically impossible: {missing}, or {listed(sensors, 'or')} is measured wrongly or with "
+                "too much noise",
             )
 
 

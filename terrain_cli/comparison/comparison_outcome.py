@@ -160,6 +160,7 @@ class Comparison:
     refused: Refused = field(
         default_factory=Refused
     )  # What was tried to be added to the model on the same data, and did not pay
+    impossible: tuple[str, ...] = ()  # Properties of its soils that no soil has, in words
 
     @property
     def stretch(self) -> tuple[float, float] | None:

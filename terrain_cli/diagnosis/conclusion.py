@@ -57,6 +57,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
         soils=comparison.soil_count,
         wheels=len(comparison.wheels),
         changes=tuple(comparison.soil_changes),
+        impossible=comparison.impossible,
         needed=scores is not None and scores.instead is None,
         instead=scores.instead or "" if scores else "",
     )
@@ -126,6 +127,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         soils=found.comparison.soil_count,
         wheels=len(found.comparison.wheels),
         changes=tuple(found.comparison.soil_changes),
+        impossible=found.comparison.impossible,
         needed=not fewer,
         fewer=found.soils if hidden else 0,
     )
@@ -148,8 +150,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         size += _size(above) if above else _not_random(known)
         size += f" (noise of {found.noise_with})" * bool(found.noise_with)
         alike = found.verdict == "family" and not found.together and not elsewhere
-        drive = found.drive if alike else ""
-        first = _first(found) if alike else ""
+        drive, first = (found.drive, _first(found)) if alike else ("", "")
         if found.fewer and found.changes:
             too = "better" if found.leaves else "too"
             soil = f"A soil that changes at {_places(found)} would explain it {too}"
@@ -169,14 +170,21 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
 
 
 def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusion:
-    soils = f"with {counted(found.soils, 'soil')}" + f" under {found.wheels} wheels" * (found.wheels > 1)
+    soils = f"with {counted(found.soils, 'soil')}{f' under {found.wheels} wheels' * (found.wheels > 1)}"
     if found.instead and found.instead not in found.refused and not found.ended:
         command = asked.looked("diagnose")
-        told = f"The model may miss something: {_at_most(known)}, but only {soils}; fewer may be enough with "
-        return Conclusion("explained", f"{told}{found.instead}. Next: {command}", command)
+        told = f"The model may miss something: {_at_most(known)}, but only {soils}; fewer may be enough with"
+        return Conclusion("explained", f"{told} {found.instead}. Next: {command}", command)
     told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
-    by_chance = ", as chance gives in so few points" * bool(above_noise(known))
-    told += f"{by_chance}, and the data show no missing effect."
+    told += ", as chance gives in so few points" * bool(above_noise(known))
+    if found.impossible:
+        told += f", but only with {listed(found.impossible)}, which is physically impossible: something is "
+        told += "missing that the soil takes up, or a sensor is wrong."
+        tried = found.verdict is not None or found.refused or found.ended
+        command = "" if tried else asked.looked("diagnose")
+        check = "Check zero and gain of each sensor, and drive over a wider range of load and slip."
+        return Conclusion("unexplained", f"{told} {check if tried else f'Next: {command}'}", command)
+    told += ", and the data show no missing effect."
     if found.changes:
         needed = ", and no effect predicts as well with fewer soils" * found.needed
         told += f" The soil changes at {_places(found)}{needed}."
@@ -237,27 +245,26 @@ def _unexplained(
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
     command, elsewhere = "", _in_a_stretch(found, asked)
     # Who has diagnosed it, now or in the loop that ended, knows that nothing is left to try.
-    diagnosed = found.verdict is not None or (found.ended and bool(found.refused))
+    diagnosed = found.verdict is not None or found.ended
+    tried = found.refused and (_refused(found) or found.verdict == "none")
     if diagnosed and (_refused(found) or not found.raised) and known and not above:
-        why = _did_not_pay(found) if _refused(found) else "no effect explains it"
+        why = _did_not_pay(found) if tried else "no effect explains it"
         told = (
             f"The model fits as well as these data can tell: {_at_most(known)}. What is left may be "
             f"systematic, but {why}."
         )
         return Conclusion("unexplained", told, record=found.unrecorded)
-    if found.verdict is None and (found.refused or found.ended):
-        why = _did_not_pay(found) if found.refused else "--until-quiet found nothing more to add"
-        # A diagnosis would propose the same again; where it drafted a law, no effect explains it.
-        named = {*found.refused} & {*NAMES, *ASSUMPTIONS}
-        command = asked.added(["--until-quiet"]) if named and not found.ended else ""
-    elif found.verdict is None:
+    if not diagnosed and not found.refused:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
         why, command = "a first check of the effects finds no cause", asked.looked("diagnose")
-    elif _refused(found):
-        why = _did_not_pay(found)
-    elif found.closest and found.closest not in found.refused:
+    elif found.closest and found.closest not in found.refused and not _refused(found):
         why = f"no effect explains it significantly; held-out data can test {found.closest}"
         command = asked.added((found.closest,))
+    elif tried:
+        why = _did_not_pay(found)
+        # A diagnosis would propose the same again; where it drafted a law, no effect explains it.
+        named = {*found.refused} & {*NAMES, *ASSUMPTIONS}
+        command = asked.added(["--until-quiet"]) if named and not diagnosed else ""
     elif elsewhere and not few:
         why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
@@ -285,8 +292,8 @@ def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few
     of = listed(list(found.ratios)) if found.ratios else "the sensors"
     told = f"The data show no missing effect, but the noise of {of} is not known: repeat some test points."
     # A diagnosis of test points also looks at their order.
-    first = found.verdict is None and not found.refused
-    command = asked.looked("diagnose") if first and found.points else ""
+    first = found.verdict is None and not found.refused and found.points
+    command = asked.looked("diagnose") if first else ""
     return Conclusion("undecided", f"{told} Next: {command}" if command else told, command)
 
 
@@ -362,7 +369,7 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     when, others = f"from {low} s to {high} s", f"time < {low} or time > {high}"
     if math.isinf(found.stretch[1]):
         # What begins at some time and stays may be an effect: only a diagnosis tells that it is none.
-        if found.verdict is None:
+        if found.verdict is None and not found.ended:
             return None
         when, others = f"after {low} s", f"time < {low}"
     cause = f"most of all {when}: find out what happened then, and if the model fits the rest"

@@ -10,7 +10,7 @@ from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
 from terrain_cli.diagnosis.candidates import as_it_is, table_of
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog, scores, soils
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis, leaves_much
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis, hardly_explain, leaves_much
 from terrain_cli.diagnosis.refits import Refit
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.effects import Effect
@@ -46,7 +46,7 @@ def diagnose(
     log = scores(case, log)
     early(log.found)
     base = refits.refit(log.data, None)
-    alarm = steps.alarm_of_scores(case, log)
+    alarm = steps.alarm_of_scores(case, log, base)
     if not alarm.raised:
         return _silent(case, log, base, alarm)
     ranked = steps.ranking(case, log, base)
@@ -72,6 +72,13 @@ def diagnose(
         # As much is left for another effect, which may be all there is.
         decision = replace(decision, verdict="family")
     rivals = {"family": family.open, "on_full_stresses": full}.get(decision.rivals, [])
+    if decision.together:
+        # Beside two that explain it, what hardly lowers an error alone is no cause to be told from others.
+        idle = hardly_explain(listed) - {*decision.together}
+        left = tuple(name for name in decision.family if name not in idle)
+        decision = replace(decision, family=left or decision.family)
+        listed = [replace(one, in_family=one.effect in decision.family) for one in listed]
+        rivals = [pair for pair in rivals if pair[0].id not in idle]
     doubted = {one.effect for one in listed if one.doubt}
     # No drive is worth while that only rules out what is not to be believed.
     rivals = [pair for pair in rivals if pair[0].id not in doubted] or rivals

@@ -117,7 +117,9 @@ STEPS_SHARE = criterion(
 RIVALS = criterion(8, "effects, or pairs of effects, compared with one another or with a change of soil")
 DRAFTS = criterion(6, "laws that are fitted; fewer than rivals, without evidence")
 SOILS_OF_A_LAW = criterion(
-    3, "soils that one drafted law may replace: a step in a quantity that warms up looks like two"
+    3,
+    "further soils that a drafted law replaces if it predicts as well; fewer only if it predicts better: a "
+    "step in a quantity that warms up looks like two soils",
 )
 MOST_STEPS = criterion(4, "steps of the soil under all wheels")
 POINTS_ENOUGH = criterion(

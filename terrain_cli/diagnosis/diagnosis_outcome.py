@@ -251,6 +251,12 @@ def share_taken(
     return max(1.0 - beyond[1] / beyond[0], 0.0)
 
 
+def hardly_explain(candidates: Sequence[Candidate]) -> set[str]:
+    """Name the candidates that explain far less than the best of the family does."""
+    most = max((one.explained for one in candidates if one.in_family), default=0.0)
+    return {one.effect for one in candidates if one.explained <= criteria.RIVAL_WORTH * most}
+
+
 def leaves_much(comparison: Comparison, before: Mapping[str, float], first: Candidate) -> bool:
     """Tell whether an effect leaves more than noise, by much of what the model as it is leaves.
 
@@ -307,6 +313,7 @@ class Evidence:
     needed: bool = False  # No effect on fewer soils predicts as well
     instead: str = ""  # By a first check: what on fewer soils predicts as well
     fewer: int = 0  # Soils on which the ratios are, where the comparison has more and fits
+    impossible: tuple[str, ...] = ()  # Properties of the fitted soil that no soil has, in words
     noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
 
     @property

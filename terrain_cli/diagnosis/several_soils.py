@@ -159,10 +159,12 @@ def _stands_for_soils(
         if taken > criteria.STANDS_FOR_SOILS * float((plain.loss - both.loss).sum()):
             return Instead(hypothesis.id, as_good=refit_ranking.as_good(found, several))
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
-    if fewer >= criteria.SOILS_OF_A_LAW:
-        # Nor may what is in no catalogue pass for soils.
+    many = fewer >= criteria.SOILS_OF_A_LAW
+    if many or refits.leaves_much(cut, several):
+        # Nor may what is in no catalogue pass for soils. Few resemble any drift: it has to predict better.
         drafted = outside_catalogue.best(one, plain, progress)
-        if drafted and refit_ranking.as_good(drafted[0].refit, several):
+        suits = refit_ranking.as_good if many else refit_ranking.beats
+        if drafted and suits(drafted[0].refit, several):
             return Instead(f"a law ({drafted[0].draft.in_words()})")
     return None
 

@@ -28,6 +28,8 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     Hypothesis,
     NextDrive,
     UnknownEffect,
+    above_noise,
+    over_noise,
     share_taken,
 )
 from terrain_cli.diagnosis.refits import Ground, Refit
@@ -109,7 +111,7 @@ class Two:
     fitted: list[Fitted] = field(default_factory=list)
 
 
-def alarm_of_scores(case: Case, log: DiagnosedLog) -> Alarm:
+def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     """Tell how often chance gives scores as strong; of too few blocks nothing is told."""
     if log.data.blocks < criteria.BLOCKS_OF_ALARM:
         return Alarm(raised=False, p_value=1.0, level=criteria.LEVEL)
@@ -118,7 +120,28 @@ def alarm_of_scores(case: Case, log: DiagnosedLog) -> Alarm:
         testable = [one for one in log.hypotheses if one.id in log.found.p_values]
         unscored, _ = alarm.of_unscored(log.data.wheels, log.block, testable, lambda: log.data)
         p_value = min(p_value, unscored)
+    if p_value >= criteria.LEVEL:
+        p_value = min(p_value, _of_laws(case, log, base))
     return Alarm(raised=p_value < criteria.LEVEL, p_value=p_value, level=criteria.LEVEL)
+
+
+def _of_laws(case: Case, log: DiagnosedLog, base: Refit) -> float:
+    """Return how often chance gives what a drafted law gains that leaves only noise of a large misfit.
+
+    What changes as slowly as moisture is alike in block after block: joined, they are too few for scores.
+    """
+    # A model of which `compare` says that it fits is not doubted.
+    if not above_noise(over_noise(log.comparison)) or not refits.leaves_much(log.data, base):
+        return 1.0
+    # A step, or what follows the place, is what a soil that changes does too.
+    drafts = [
+        one.refit.loss
+        for one in outside_catalogue.best(log.data, base, case.progress)
+        if one.draft.form != "step" and one.draft.driver not in drafted_laws.ALONG
+        if not refits.leaves_much(log.data, one.refit)
+    ]
+    p_values = (criteria.DRAFTS * alarm.of_gain_in_most(base.loss - loss) for loss in drafts)
+    return min([1.0, *p_values])
 
 
 def _of_scores(case: Case, log: DiagnosedLog) -> float:

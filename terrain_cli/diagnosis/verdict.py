@@ -13,6 +13,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     Size,
     Verdict,
     above_noise,
+    hardly_explain,
     over_noise,
     too_few,
 )
@@ -106,12 +107,13 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     doubtful = [name for name in named if name in doubts and first.effect not in doubts]
     others = [text for name, text in named.items() if name not in doubtful]
     if doubtful:
-        better = f" Not credible: {listed([named[name] for name in doubtful])}.{better}"
+        alone = " alone" * bool(diagnosis.together)
+        better = f" Not credible{alone}: {listed([named[name] for name in doubtful])}.{better}"
     if diagnosis.together:
-        worse = {one.effect for one in diagnosis.candidates if one.explained <= 0.0}
-        alone = {first.effect: told, **{name: named[name] for name in named if name not in doubtful}}
-        alone = {name: text for name, text in alone.items() if name not in worse}
-        return _together(diagnosis, told, [*alone.values()], better)
+        worse = hardly_explain(diagnosis.candidates)
+        single = {first.effect: told, **{name: named[name] for name in named if name not in doubtful}}
+        single = {name: text for name, text in single.items() if name not in worse}
+        return _together(diagnosis, told, [*single.values()], better)
     if others:
         return f"Possible causes: {listed([told, *others], 'or')}; these data cannot tell which.{better}"
     if doubtful:
@@ -160,6 +162,8 @@ def _nothing(diagnosis: Diagnosis, seen: str) -> str:
         return f"{too_few(blocks)} to tell whether the model misses something."
     if seen or above_noise(over_noise(diagnosis.comparison)):
         return f"{seen}No effect explains the misfit."
+    if diagnosis.comparison.impossible:
+        return "No effect shows beside a soil that is physically impossible."
     return "The data show no missing effect."
 
 

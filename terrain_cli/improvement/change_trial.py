@@ -249,6 +249,7 @@ def _estimated(
     own = wheel.fit.model.parameters.get(names[0]) if len(names) == 1 else None
     sums = [(effect, one) for effect in file.model.effects for one in effect.sums if len(names) > 1]
     rates = {f"{effect.id}.{name}": f" × {of}" for effect, one in sums for name, of in one.rates.items()}
+    empirical = any(names[0].startswith(f"{effect.id}.") for effect in file.model.effects if effect.empirical)
     return Estimated(
         source=wheel.source,
         wheel=wheel.wheel,
@@ -257,18 +258,20 @@ def _estimated(
         value=value / factor,
         se=se / factor,
         determined=determined,
-        remark=remark(own and own.under(*wheel.fit.under), value, determined=determined),
+        remark=remark(
+            own and own.under(*wheel.fit.under), value, determined=determined, has_usual_size=not empirical
+        ),
     )
 
 
-def remark(own: Parameter | None, value: float, *, determined: bool) -> str:
+def remark(own: Parameter | None, value: float, *, determined: bool, has_usual_size: bool = True) -> str:
     """Say why a value, SI, is to be doubted; `own` is its parameter of an effect, under this wheel."""
     if own is not None and own.at_bound(value):
         return "at its bound"
     if not determined:
         return "left open by the data"
     usual = abs(value - own.null) / own.scale if own is not None else 0.0
-    return f"{usual:.0f} times its usual size" if usual > EFFECT_SCALES else ""
+    return f"{usual:.0f} times its usual size" if has_usual_size and usual > EFFECT_SCALES else ""
 
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:

@@ -162,8 +162,10 @@ def _proposed(
         if evidence.closest and evidence.misses:
             # Held-out data can judge what may be chance.
             likely = [(evidence.closest,)]
-        left = evidence.misses or evidence.tracked
-        return likely, "no effect explains the misfit" if left else "the data show no missing effect"
+        why = "the data show no missing effect"
+        if evidence.impossible:
+            why = "no effect shows beside a soil that is physically impossible"
+        return likely, "no effect explains the misfit" if evidence.misses or evidence.tracked else why
     both = [found.together] if found.together else []
     if found.together[:1] == (models.STRESSES,):
         # The others of the family are behind the stresses, and some need them.

@@ -296,6 +296,11 @@ class Effect:
     origin: str = field(default="catalogue", compare=False)
 
     @property
+    def empirical(self) -> bool:
+        """Whether it was drafted from data: the scales of its parameters are then for searches alone."""
+        return self.reference.startswith("empirical")
+
+    @property
     def reads(self) -> tuple[str, ...]:
         """Channels that make a difference to the effect: what it needs, and what it uses if it is there."""
         further = (name for parameter in self.parameters for name in parameter.needs)

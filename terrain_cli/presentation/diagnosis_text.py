@@ -95,12 +95,18 @@ def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
     return found
 
 
+def leads(candidates: Sequence[Candidate]) -> bool:
+    """Tell whether the first stands before all others, which it does not where only others are marked."""
+    return not any(one.in_family for one in candidates[1:]) or candidates[0].in_family
+
+
 def order(candidates: Sequence[Candidate], together: Sequence[str] = ()) -> list[str]:
     """Say in which order several candidates stand, and what is marked."""
     told = []
     if any(one.in_family for one in candidates[1:]):
         why = "named in the first line" if together else "these data cannot tell them from the best"
-        told.append(f"order: the best, then those marked * ({why}), then the others")
+        best = "the best, then " * leads(candidates)
+        told.append(f"order: {best}those marked * ({why}), then the others")
     if len(candidates) > 1 and candidates[0].in_family and ranked_by(candidates)[0] == "plainer":
         first, second = candidates[:2]
         told.append(
@@ -118,8 +124,9 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g}){idle}"]
     fitted = [one for one in diagnosis.candidates if one.refitted]
     # As the column says, which is about the errors beside it, not about the loss of the ranking.
-    first, rest = fitted[:1], sorted(fitted[1:], key=lambda one: (not one.in_family, -one.explained))
-    shown = [*first, *rest][:_SHOWN]
+    leading = fitted[:1] if leads(fitted) else []
+    rest = sorted(fitted[len(leading) :], key=lambda one: (not one.in_family, -one.explained))
+    shown = [*leading, *rest][:_SHOWN]
     if shown:
         soils = "; same soils: those of the rows below" * bool(diagnosis.heldout)
         lines += ["", *_table(diagnosis, shown), *order(fitted, diagnosis.together), f"{_LEGEND}{soils}"]

@@ -23,6 +23,10 @@ SMALL = "The model may miss something: the held-out error is at most 1.02 × the
 POSSIBLE = "a first check of the effects finds a possible cause."
 SMALLEST = "the held-out error is at most 1.02 × the noise (in torque)"
 FITS = f"The model fits to within the noise: {SMALLEST}, and the data show no missing effect."
+NO_SOIL = (
+    f"The model fits to within the noise: {SMALLEST}, but only with a cohesion of -3 kPa, which is "
+    "physically impossible: something is missing that the soil takes up, or a sensor is wrong."
+)
 LOOK = "terrain-est diagnose 'a run.csv' --segments none"
 NEW = "terrain-est model new model.toml && terrain-est model add model.toml "
 DATA = " --segments none --data 'a run.csv'"
@@ -329,6 +333,20 @@ def evidence(ratios, **known):
             id="a finding that no effect explains, within the noise",
         ),
         pytest.param(
+            evidence(FINE, impossible=("a cohesion of -3 kPa",)),
+            "unexplained",
+            f"{NO_SOIL}",
+            LOOK,
+            id="noise, on a soil that there is not",
+        ),
+        pytest.param(
+            evidence(FINE, impossible=("a cohesion of -3 kPa",), verdict="none"),
+            "unexplained",
+            f"{NO_SOIL} Check zero and gain of each sensor",
+            "",
+            id="noise, on a soil that there is not, diagnosed",
+        ),
+        pytest.param(
             evidence(OFF, blocks=6),
             "unexplained",
             UNFIT + "a first check of the effects finds no cause.",
@@ -494,7 +512,14 @@ def test_after_a_loop_that_found_nothing_none_is_proposed():
     for refused in ((), ("slope",)):
         told = conclude(evidence(OFF, **raised, refused=refused, ended=True), ASKED)
         assert (told.state, told.command) == ("unexplained", "")
-    # Where the errors are those of noise, compare then says what the loop said.
+    # What the loop says at its end, from its diagnosis, `compare` says of the same model afterwards.
+    for ratios in (OFF, FINE):
+        for tried in ((), ("slope",)):
+            last = evidence(ratios, tracked=True, verdict="none", refused=tried, unrecorded=("pitch",))
+            now = evidence(
+                ratios, raised=True, tracked=True, refused=tried, ended=True, unrecorded=("pitch",)
+            )
+            assert conclude(last, ASKED).sentence == conclude(now, ASKED).sentence
     after = {"raised": True, "refused": ("slope",), "ended": True}
     loop = {"verdict": "effect", "family": ("slope",)}
     told = conclude(evidence(FINE, **after), ASKED)
@@ -555,7 +580,7 @@ def test_a_base_that_is_not_the_usual_one_is_named():
 
 def compared_to(channels, **further):
     known = {"blocks": 20, "stretch": None, "doubted": (), "refused": Refused(), "points": False}
-    known |= {"soil_count": 0, "soil_changes": [], "wheels": [None], "unsorted": False}
+    known |= {"soil_count": 0, "soil_changes": [], "wheels": [None], "unsorted": False, "impossible": ()}
     return SimpleNamespace(channels=channels, **{**known, "failures": [], **further})
 
 

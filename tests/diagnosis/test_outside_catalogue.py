@@ -1,10 +1,12 @@
 """When a drafted law stands alone, and when beside what the catalogue has."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hidden_drives import Kind, sized, windows_of
+from uncatalogued import OUTSIDE
 
 from terrain_cli import effects
 from terrain_cli.diagnosis import diagnose, drafted_laws, outside_catalogue
@@ -167,3 +169,15 @@ def test_what_keeps_an_effect_from_being_the_one_name_is_settled_by_a_drive_too(
     (drive,) = found.next_drive
     assert drive.pair == ("wheel-radius", "slip-offset-constant")
     assert min(drive.settings["slip"]) < 0.0 < max(drive.settings["slip"])
+
+
+def test_a_soil_that_follows_what_changes_slowly_is_no_soil_in_parts(monkeypatch):
+    """Moisture that rises once and falls: of three soils none was missed by more than the scores can tell."""
+
+    def slowly(seconds, _seed):
+        return lambda t: np.round(2.5 - 2.5 * np.cos(4.0 * np.asarray(t) / seconds)) / 25.0
+
+    monkeypatch.setitem(OUTSIDE, "moisture", replace(OUTSIDE["moisture"], values=slowly))
+    kind = Kind({}, outside="moisture", outside_size=2.0, seconds=100.0)
+    found = diagnose(windows_of(78_500_101, kind), ModelFile())
+    assert (found.verdict, found.unknown.driver, found.soils) == ("unknown", "moisture", 1)

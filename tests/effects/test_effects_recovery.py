@@ -67,8 +67,11 @@ def measured(name, values):
     return channels
 
 
-def fit(model, channels):
-    """Fit soil and effect, from another soil and no effect; where it has a shape, from its typical size."""
+def fit(model, channels, forms):
+    """Fit soil and effect, from another soil and no effect; where it has a shape, from its typical size.
+
+    What chooses the form of a law is held, at its value in `forms`.
+    """
     soil = {
         "cohesion": 1500.0,
         "tan_phi": 0.6,
@@ -76,7 +79,7 @@ def fit(model, channels):
         "stiffness": 1.2e6,
         "sinkage_exponent": 1.0,
     }
-    held = {q: p.null for q, p in model.parameters.items() if p.held}
+    held = {q: forms[p.name] for q, p in model.parameters.items() if p.held}
     start = {q: number for q, number in (soil | model.nulls()).items() if q not in held}
     if any(p.shape for p in model.parameters.values()):
         start |= {q: p.null + p.scale for q, p in model.parameters.items() if not p.shape}
@@ -128,7 +131,7 @@ def test_every_effect_has_a_truth():
 def test_parameters_are_found_again(name):
     truth, tolerance = KNOWN_EFFECTS[name].values, KNOWN_EFFECTS[name].found_within
     effect = effects.find(name)
-    found = fit(Model("wong-reece", (effect,)), measured(name, truth))
+    found = fit(Model("wong-reece", (effect,)), measured(name, truth), truth)
     for p in effect.parameters:
         assert found[effect.qualified(p)] == pytest.approx(truth[p.name], abs=tolerance * p.scale), p.name
     assert found["cohesion"] == pytest.approx(SOIL.cohesion, rel=max(tolerance, 1e-3))

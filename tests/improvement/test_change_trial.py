@@ -31,6 +31,13 @@ def test_a_heavy_wheel_has_more_friction():
     assert remark(own.under(2000.0, 0.4), 39.0, determined=True) == ""
 
 
+def test_a_drafted_law_has_no_usual_size():
+    """Its scale is a tenth of what was measured, for the search alone."""
+    own = effects.catalogue()["drivetrain-friction"].parameters[0]
+    assert remark(own, 39.0, determined=True, has_usual_size=False) == ""
+    assert remark(own, 39.0, determined=False, has_usual_size=False) == "left open by the data"
+
+
 def test_of_the_soil_only_what_the_data_leave_open_is_remarked():
     assert remark(None, 0.02, determined=True) == ""
     assert remark(None, 0.02, determined=False) == "left open by the data"

@@ -271,6 +271,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
             failures=[],
             soil_count=1,
             soil_changes=[],
+            impossible=(),
             unsorted=False,
             wheels=[None],
         ),

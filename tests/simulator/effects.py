@@ -147,6 +147,12 @@ def grousers(ground: Ground, _moment: Moment, p: Numbers, other: bool) -> None:
         ground.radius += 0.1 * lift
 
 
+def wheel_radius(ground: Ground, _moment: Moment, p: Numbers, _other: bool) -> None:
+    larger = 1.0 + p["whole"] * p["relative_error"]
+    ground.radius *= larger
+    ground.shear_radius *= larger
+
+
 def flexible_wheel(ground: Ground, _moment: Moment, p: Numbers, other: bool) -> None:
     # An arc as long as that of a wheel sunk by δ more, sheared about an axle that is δ lower.
     r = ground.wheel.radius
@@ -241,7 +247,7 @@ KNOWN: dict[str, Known] = {
     "load-bias": Known({"gain": 1.0, "offset": 0.0}, forms=("catalogue",)),
     "sinkage-bias": Known({"offset": 0.0}),
     "drawbar-bias": Known({"offset": 0.0}),
-    "wheel-radius": Known({"relative_error": 0.0}, forms=("catalogue",)),
+    "wheel-radius": Known({"relative_error": 0.0, "whole": 0.0}, forms=("catalogue",), act=wheel_radius),
     "sinkage-relaxation": Known({"length": 0.0}),
     "sensor-lag": Known({"torque_lag": 0.0, "drawbar_pull_lag": 0.0, "sinkage_lag": 0.0, "filtered": 0.0}),
     "acceleration-torque": Known({"J": 0.0}, forms=("catalogue",)),

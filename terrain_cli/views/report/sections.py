@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_cli.comparison.comparison_outcome import Comparison
-from terrain_cli.diagnosis.diagnosis_outcome import Asked
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, above_noise, over_noise
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.report import drive_charts
@@ -319,8 +319,8 @@ def _failures(content: _Content) -> Section:
         "stays at zero."
     )
     text = [legend]
-    if not rows:
-        text.insert(0, "No recorded channel tracks a misfit significantly.")
+    if not rows and above_noise(over_noise(comparison)):
+        text.insert(0, "No recorded channel tracks the misfit significantly.")
     return Section(id="failures", title="Where it fails", text=text, parts=parts)
 
 
