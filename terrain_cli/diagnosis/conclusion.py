@@ -176,7 +176,7 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
         told = f"The model may miss something: {_at_most(known)}, but only {soils}; fewer may be enough with"
         return Conclusion("explained", f"{told} {found.instead}. Next: {command}", command)
     told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
-    told += ", as chance gives in so few points" * bool(above_noise(known))
+    told += ", as is to be expected by chance with so few points" * bool(above_noise(known))
     if found.impossible:
         told += f", but only with {listed(found.impossible)}, which is physically impossible: something is "
         told += "missing that the soil takes up, or a sensor is wrong."
@@ -199,7 +199,7 @@ def _places(found: Evidence) -> str:
 def _settled(found: Evidence) -> str:
     """Say what tells a soil that changes from an effect."""
     again = "repeat the test points in another order" if found.points else _BACK
-    return f"{again}: a change at the same place is the soil"
+    return f"{again}: if the misfit changes at the same place, the soil is the cause"
 
 
 def _unseen(found: Evidence) -> str:
@@ -220,11 +220,11 @@ def _first(found: Evidence) -> str:
     check = listed(list(checks), "or") if checks else ""
     tell = "tell all of them apart" if len(found.family) > 1 else "rule out all others"
     if not drive:
-        told = f" No drive can {tell}: first {check}."
+        told = f" No drive can {tell}. First {check}."
     else:
         told = f" First record this drive, and diagnose both logs together: {drive}."
         told += f" Also {check}: the drive alone does not {tell}." * bool(checks)
-    return f"{told} Otherwise the next command chooses by the held-out error alone."
+    return f"{told} Without that, the next command chooses by the held-out error alone."
 
 
 def _refused(found: Evidence) -> bool:
@@ -391,7 +391,8 @@ def _record(found: Evidence, *, few: bool) -> str:
     told = f"{again}: if the misfit changes, the soil varies; if it returns, the model lacks something."
     if found.fit_beside_pull:
         fit = listed(found.fit_beside_pull)
-        told = f"As {fit} fit, look for what acts on the pull alone: a slope, a tether or its sensor."
+        told = f"{fit[:1].upper()}{fit[1:]} fit, so look for something that acts on the drawbar pull alone: "
+        told += "a slope, a tether or its sensor."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]

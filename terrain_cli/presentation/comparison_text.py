@@ -225,8 +225,8 @@ def _off_too(comparison: Comparison) -> Iterator[str]:
         are = "is" if len(off) == 1 else "are"
         share = sum(finding.share for finding in comparison.failures)
         yield (
-            f"  {listed(off)} {are} off too: the fit spreads an error in one channel over the others. "
-            f"These findings explain {min(share, 1.0):.0%} of the whole misfit"
+            f"  {listed(off)} {are} off too: the fitted soil spreads an error of one channel over the others."
+            f" These findings explain {min(share, 1.0):.0%} of the whole misfit"
         )
 
 

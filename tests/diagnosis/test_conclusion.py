@@ -78,7 +78,8 @@ def evidence(ratios, **known):
             "explained",
             MISSES.replace("the held-out", "with 1 soil instead of 2, the held-out")
             + "slope explains it. A soil that changes at 8 s would explain it too. To tell, drive beside "
-            + "this track in the opposite direction: a change at the same place is the soil.",
+            + "this track in the opposite direction: if the misfit changes at the same place, the soil is the "
+            + "cause.",
             NEW + "slope" + DATA,
             id="one name on fewer soils",
         ),
@@ -170,7 +171,7 @@ def evidence(ratios, **known):
             evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), checks=("weigh it",)),
             "explained",
             MISSES + "one of slope and crust explains it; these data cannot tell which. "
-            "No drive can tell all of them apart: first weigh it. Otherwise the next command",
+            "No drive can tell all of them apart. First weigh it. Without that, the next command",
             NEW + "--until-quiet" + DATA,
             id="a family that a sensor's check settles",
         ),
@@ -194,7 +195,7 @@ def evidence(ratios, **known):
             "explained",
             MISSES + "one of slope, crust and load-bias explains it; these data cannot tell which. "
             "First record this drive, and diagnose both logs together: drive uphill. "
-            "Also weigh it: the drive alone does not tell all of them apart. Otherwise the next command",
+            "Also weigh it: the drive alone does not tell all of them apart. Without that, the next command",
             NEW + "--until-quiet" + DATA,
             id="a family that both settle",
         ),
@@ -541,7 +542,9 @@ def test_few_test_points_have_larger_errors_by_chance(blocks, state):
     ratios = {"torque": 1.0, "drawbar pull": 1.3, "sinkage": 1.02}
     told = conclude(evidence(ratios, points=True, blocks=blocks), ASKED)
     assert told.state == state
-    assert ("(in drawbar pull), as chance gives in so few points" in told.sentence) == (state == "fits")
+    assert ("(in drawbar pull), as is to be expected by chance with so few points" in told.sentence) == (
+        state == "fits"
+    )
     assert conclude(evidence(ratios, blocks=blocks), ASKED).state == "unexplained"
 
 
@@ -549,7 +552,7 @@ def test_where_the_pull_alone_is_off_it_is_not_the_soil():
     """Another soil would show in torque or sinkage too."""
     ratios = {"torque": 1.0, "drawbar pull": 21.0, "sinkage": 1.02}
     told = conclude(evidence(ratios, verdict="none"), ASKED).sentence
-    assert "As torque and sinkage fit, look for what acts on the pull alone: a slope, a tether or" in told
+    assert "Torque and sinkage fit, so look for something that acts on the drawbar pull alone: a" in told
     # A torque that is cut off, or a soil that changes, shows most in the pull too.
     shared = {"torque": 1.1, "drawbar pull": 1.2, "sinkage": 1.02}
     assert "on the pull alone" not in conclude(evidence(shared, verdict="none"), ASKED).sentence

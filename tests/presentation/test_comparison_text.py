@@ -14,7 +14,7 @@ def test_a_channel_that_is_off_without_a_finding_is_told_why():
     compared = SimpleNamespace(channels=channels, failures=[finding])
     (line,) = comparison_text._off_too(compared)
     assert line == (
-        "  torque is off too: the fit spreads an error in one channel over the others. "
+        "  torque is off too: the fitted soil spreads an error of one channel over the others. "
         "These findings explain 96% of the whole misfit"
     )
     assert list(comparison_text._off_too(SimpleNamespace(channels={}, failures=[finding]))) == []

@@ -13,7 +13,8 @@ def test_a_drive_that_tells_several_apart_is_said_once():
     ]
     assert diagnosis_text._drives(drives) == [
         "",
-        "to tell load-bias from slope (power 98%) or crust (power 88%): sweep the slip",
+        "to tell load-bias from slope (settles it in 98% of cases) or crust (settles it in 88% of cases): "
+        "sweep the slip",
         "",
         "to tell load-bias from bulldozing: no drive tells them apart: weigh it",
     ]
