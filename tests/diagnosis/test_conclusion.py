@@ -78,8 +78,8 @@ def evidence(ratios, **known):
             "explained",
             MISSES.replace("the held-out", "with 1 soil instead of 2, the held-out")
             + "slope explains it. A soil that changes at 8 s would explain it too. To tell, drive beside "
-            + "this track in the opposite direction: if the misfit changes at the same place, the soil is the "
-            + "cause.",
+            + "this track in the opposite direction: if the misfit changes at the same place, the soil is "
+            + "the cause.",
             NEW + "slope" + DATA,
             id="one name on fewer soils",
         ),
@@ -179,7 +179,7 @@ def evidence(ratios, **known):
             evidence(OFF, raised=True, verdict="family", family=("slope",), checks=("weigh it",)),
             "explained",
             MISSES
-            + "slope explains it, but this is not certain. No drive can rule out all others: first weigh it.",
+            + "slope explains it, but this is not certain. No drive can rule out all others. First weigh it.",
             NEW + "slope" + DATA,
             id="one of which the others are doubted",
         ),
