@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 #: Half waves in a window at the most, the s that each lasts at least, and its samples. Judged: noise of
 #: sensors lasts up to 1 s, and zeros drift over tens of seconds.
 _WAVES, _LASTS, _SAMPLES = 8, 5.0, 20
-#: Standard deviations beyond chance, over all windows, at which a channel wanders: once in a thousand. Of 88
-#: clean drives of another simulator, noise that lasts up to 0.3 s among them, none has one that does.
+#: Standard deviations beyond chance, over all windows, at which a channel wanders: once in a thousand. In 88
+#: clean drives of another simulator, noise that lasts up to 0.3 s among them, no row `ok` of 182 is lost by
+#: it; of 1,359 windows of window_coverage_study (40 a row, seed 78500001; noise unknown and told) 3 are.
 _WANDERS = 3.1
 #: Share of a wave that the fit leaves, below which it tells nothing.
 _LEFT = 1e-3
