@@ -159,6 +159,33 @@ def test_what_is_left_follows_the_inputs_only_where_the_model_misses(change, fol
     assert not fit(Model(), geometry, table, [0, n], suspects=[], correlated=False).follows.any()
 
 
+def drifted(share, seconds):
+    """Return what adds a zero that comes and goes to a torque: a share of its size, in so many seconds."""
+    return lambda torque, time: torque + share * torque.mean() * np.sin(np.pi * time / seconds)
+
+
+@pytest.mark.parametrize(
+    ("channel", "pull", "change", "wanders"),
+    [
+        ("torque", False, lasting, False),
+        ("torque", True, lasting, False),
+        ("torque", False, drifted(0.02, 20.0), True),
+        ("torque", True, drifted(0.02, 20.0), True),
+        ("sinkage", True, drifted(0.02, 20.0), True),
+        ("load", False, drifted(0.02, 20.0), True),
+        # It moves c, φ and strength by less than their errors.
+        ("torque", True, drifted(0.003, 20.0), False),
+    ],
+)
+def test_a_channel_that_wanders_is_missed_where_it_moves_the_soil(channel, pull, change, wanders):
+    table = {name: column for name, column in columns(seed=5).items() if pull or name != "drawbar_pull"}
+    table[channel] = change(table[channel], table["time"])
+    geometry, n = WheelGeometry(WHEEL.radius, WHEEL.width), len(table["time"])
+    found = fit(Model(), geometry, table, [0, n // 2, n], suspects=[], second=10.0)
+    assert found.follows.any() == wanders
+    assert (found.status == "model-misses").any() == wanders
+
+
 def covariance(found):
     """Return the covariance of c and tan φ of the first window."""
     pair = [found.names.index(name) for name in ("cohesion", "tan_phi")]

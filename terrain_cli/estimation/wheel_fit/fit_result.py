@@ -105,7 +105,7 @@ class Fit(Parameters):
     # Shape (w,): whether an effect of those suspected shows that would move c, φ or strength by more than
     # its error
     moved: Mask
-    # Shape (w,): whether what is left follows the load, sinkage or slip (`missing_effects.following`)
+    # Shape (w,): whether what is left follows the load, sinkage, slip or time (`missing_effects.following`)
     follows: Mask
     second: float  # Samples in a second; 0 where they do not follow each other in time
     converged: Mask  # Shape (w,)
