@@ -390,9 +390,8 @@ def _record(found: Evidence, *, few: bool) -> str:
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
     told = f"{again}: if the misfit changes, the soil varies; if it returns, the model lacks something."
     if found.fit_beside_pull:
-        fit = listed(found.fit_beside_pull)
-        told = f"{fit[:1].upper()}{fit[1:]} fit, so look for something that acts on the drawbar pull alone: "
-        told += "a slope, a tether or its sensor."
+        told = f"{listed(found.fit_beside_pull).capitalize()} fit, so look for something that acts on the "
+        told += "drawbar pull alone: a slope, a tether or its sensor."
     if not found.unrecorded:
         return told
     named = [name.replace("_", " ") for name in found.unrecorded]
