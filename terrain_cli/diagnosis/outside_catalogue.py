@@ -33,6 +33,12 @@ class Tried:
     hypothesis: Hypothesis
     extra: list[dict[str, Array]]  # Its driver, where that is no channel
 
+    def like_soils(self, data: Ground) -> bool:
+        """Tell whether it is a step, or may follow the time or the place, as a soil that changes does."""
+        driver = self.draft.driver
+        along = drafted_laws.ALONG.intersection((driver, *same_drivers(data, driver)))
+        return self.draft.form == "step" or bool(along)
+
 
 def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tried]:
     """Find the laws with one driver that explain most, the best first; none that does not predict better."""

@@ -162,9 +162,9 @@ def _stands_for_soils(
     many = fewer >= criteria.SOILS_OF_A_LAW
     if many or refits.leaves_much(cut, several):
         # Nor may what is in no catalogue pass for soils. Few resemble any drift: it has to predict better.
-        drafted = outside_catalogue.best(one, plain, progress)
+        drafted = outside_catalogue.best(one, plain, progress)[:1]
         suits = refit_ranking.as_good if many else refit_ranking.beats
-        if drafted and suits(drafted[0].refit, several):
+        if any(suits(law.refit, several) and (many or not law.like_soils(one)) for law in drafted):
             return Instead(f"a law ({drafted[0].draft.in_words()})")
     return None
 

@@ -133,12 +133,10 @@ def _of_laws(case: Case, log: DiagnosedLog, base: Refit) -> float:
     # A model of which `compare` says that it fits is not doubted.
     if not above_noise(over_noise(log.comparison)) or not refits.leaves_much(log.data, base):
         return 1.0
-    # A step, or what follows the place, is what a soil that changes does too.
     drafts = [
         one.refit.loss
         for one in outside_catalogue.best(log.data, base, case.progress)
-        if one.draft.form != "step" and one.draft.driver not in drafted_laws.ALONG
-        if not refits.leaves_much(log.data, one.refit)
+        if not one.like_soils(log.data) and not refits.leaves_much(log.data, one.refit)
     ]
     p_values = (criteria.DRAFTS * alarm.of_gain_in_most(base.loss - loss) for loss in drafts)
     return min([1.0, *p_values])

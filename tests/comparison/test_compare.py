@@ -162,9 +162,11 @@ def test_a_soil_below_nought_is_noted_where_there_are_blocks_enough():
         fit=SimpleNamespace(values={"cohesion": values}, errors={"cohesion": errors}),
         window=np.repeat([0, 1], [80, 20]),
         windows=[0, 1],
+        measured={"torque": np.zeros(100)},
     )
     (told,) = comparing._impossible_soils([wheel], [np.arange(100) // 10])
-    assert told.startswith("wong-reece gives a cohesion of -5 kPa in 1 of 2 soils")
+    assert told.value == "a cohesion of -5 kPa"
+    assert told.note.startswith("wong-reece gives a cohesion of -5 kPa in 1 of 2 soils")
 
 
 def test_two_models_are_compared_on_the_same_blocks(clean):
