@@ -49,6 +49,9 @@ _FEWEST = 6  # Fewer samples than this are not searched: they tell nothing of th
 #: Of bounds between five numbers instead of two, chance gains this as rarely (χ², five degrees of freedom).
 #: By as much the place of a bound must be better than that by the line alone.
 OWN_PENALTY = 33.0
+#: Samples, or means of neighbours, that tell whether a bound is needed: of a drive of 10⁶ samples, 20 soils,
+#: means of 8 leave the same bounds in a fifteenth of the time.
+_ENOUGH = 1 << 16
 _RIDGE = 1e-10  # Share of its trace that is added to a matrix, lest a constant load make it singular
 
 
@@ -100,6 +103,25 @@ def _block(n: int, before: int) -> int:
     """Return the samples of a block: 2 of hundreds, 3 of a thousand, 10 of 10⁵, then `LONG`."""
     length = max(int(0.57 * (n + before) ** 0.25 + 0.5), 1)
     return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)
+
+
+class Means:
+    """Means of neighbouring samples within windows, where there are more than enough; else the samples."""
+
+    def __init__(self, bounds: Bounds) -> None:
+        self.step = max(-(-int(bounds[-1]) // _ENOUGH), 1)
+        every = [np.arange(a, b, self.step) for a, b in pairwise(bounds)]
+        self.edges = np.concatenate([*every, bounds[-1:]])
+
+    def of(self, values: Array) -> Array:
+        """Return the means of values, shape (n,) or (k, n)."""
+        if self.step == 1:
+            return values
+        return np.asarray(np.add.reduceat(values, self.edges[:-1], axis=-1) / np.diff(self.edges))
+
+    def places(self, bounds: Bounds) -> Bounds:
+        """Return which means begin at some bounds of windows."""
+        return np.searchsorted(self.edges, bounds).astype(np.intp)
 
 
 def of_any_modulus(

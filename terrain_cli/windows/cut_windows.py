@@ -20,6 +20,7 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.change_points import (
     Breaks,
+    Means,
     change_points,
     needed,
     of_any_modulus,
@@ -145,9 +146,10 @@ def line(samples: Samples, rows: Index) -> tuple[Array, Array]:
     return linear.line_coordinates(**_measured(samples, rows), **samples.geometry.line)
 
 
-def _lines(samples: Samples, rows: Index) -> list[tuple[Array, Array]]:
+def _lines(samples: Samples, rows: Index, means: Means) -> list[tuple[Array, Array]]:
     """Return x and y by each k that the soils may have, up to two standard deviations from that assumed."""
-    geometry, measured = samples.geometry, _measured(samples, rows)
+    geometry = samples.geometry
+    measured: dict[str, Any] = {name: means.of(c) for name, c in _measured(samples, rows).items()}
     return [
         linear.line_coordinates(**measured, **{**geometry.line, "shear_modulus": float(k)})
         for k in geometry.shear_modulus * geometry.shear_modulus_factor**_MODULI
@@ -276,9 +278,14 @@ def _where_soil_changes(
     followed = drivers(samples, which(rows[at], len(samples)))
     followed += [turn[:, at] for turn in _turns(samples, index, stretch)]
     changes = change_points(*lines, breaks=own, before=before, **limits)
+    means = Means(changes)
+    places, fixed = means.places(changes), means.places(own)
     if len(changes) > len(own) + 2:
-        changes = of_any_modulus(_lines(samples, rows[at]), changes, own, before=before)
-    changes = needed(*lines, followed, changes, own)
+        tried = _lines(samples, rows[at], means)
+        places = of_any_modulus(tried, places, fixed, before=before // means.step)
+    stress, strength, *others = map(means.of, (*lines, *followed))
+    places = needed(stress, strength, others, places, fixed)
+    changes = means.edges[places].astype(np.intp)
     changes = sinkage_changes(*wheel, followed, changes, before=before, **limits)
     inner = driving[np.setdiff1d(changes[1:-1], own, assume_unique=True)]
     # Where soils meet under a wheel that rolls freely, the few samples on the line still tell where.

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from profiles import examples
 from soil_drives import Kind, clean, drive, mixed
 
-from terrain_cli.windows.change_points import PENALTY, change_points, needed
+from terrain_cli.windows import change_points as cuts
+from terrain_cli.windows.change_points import PENALTY, Means, change_points, needed
 
 CALM = ("dry sand", "upland sandy loam", "clayey soil", "wet clayey soil")
 N = 3000
@@ -225,6 +226,22 @@ def test_a_driver_may_do_another_thing_on_each_soil(seed):
     left = needed(x, y, [slip], found, NONE)
     assert len(left) == 7
     assert np.abs(left[1:-1] - np.arange(500, N, 500)).max() <= 40
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("soils", [1, 2])
+def test_means_of_neighbours_tell_as_much(monkeypatch, seed, soils):
+    x, y, slip = driven(seed, follows=5000.0, soils=soils)
+    found = change_points(x, y)
+    monkeypatch.setattr(cuts, "_ENOUGH", N // 6)
+    means = Means(found)
+    assert (means.step, means.of(np.stack([x, y])).shape) == (6, (2, len(means.edges) - 1))
+    assert means.of(x)[:2] == pytest.approx([x[:6].mean(), x[6:12].mean()])
+    places = needed(*map(means.of, (x, y)), [means.of(slip)], means.places(found), NONE)
+    np.testing.assert_array_equal(means.edges[places], needed(x, y, [slip], found, NONE))
+    few = Means(np.array([0, 9, N // 6]))
+    assert few.of(x) is x
+    np.testing.assert_array_equal(few.edges, np.arange(N // 6 + 1))
 
 
 def test_what_nothing_explains_stays():
