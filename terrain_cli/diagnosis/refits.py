@@ -136,7 +136,7 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
     return replace(data, data=parts, base=solutions)
 
 
-def leaves_much(data: Ground, one: Refit) -> bool:
+def misses(data: Ground, one: Refit) -> bool:
     """Tell whether a model leaves more than noise."""
     noise = sum(int(part.seen.sum()) for part in data.data)
     return float(one.loss.sum()) > comparison_criteria.ABOVE_NOISE**2 * noise

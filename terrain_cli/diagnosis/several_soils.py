@@ -160,7 +160,7 @@ def _stands_for_soils(
             return Instead(hypothesis.id, as_good=refit_ranking.as_good(found, several))
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
     many = fewer >= criteria.SOILS_OF_A_LAW
-    if many or refits.leaves_much(cut, several):
+    if many or refits.misses(cut, several):
         # Nor may what is in no catalogue pass for soils. Few resemble any drift: it has to predict better.
         drafted = outside_catalogue.best(one, plain, progress)[:1]
         suits = refit_ranking.as_good if many else refit_ranking.beats

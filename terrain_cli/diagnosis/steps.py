@@ -131,12 +131,12 @@ def _of_laws(case: Case, log: DiagnosedLog, base: Refit) -> float:
     What changes as slowly as moisture is alike in block after block: joined, they are too few for scores.
     """
     # A model of which `compare` says that it fits is not doubted.
-    if not above_noise(over_noise(log.comparison)) or not refits.leaves_much(log.data, base):
+    if not above_noise(over_noise(log.comparison)) or not refits.misses(log.data, base):
         return 1.0
     drafts = [
         one.refit.loss
         for one in outside_catalogue.best(log.data, base, case.progress)
-        if not one.like_soils(log.data) and not refits.leaves_much(log.data, one.refit)
+        if not one.like_soils(log.data) and not refits.misses(log.data, one.refit)
     ]
     p_values = (criteria.DRAFTS * alarm.of_gain_in_most(base.loss - loss) for loss in drafts)
     return min([1.0, *p_values])
