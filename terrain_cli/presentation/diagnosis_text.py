@@ -146,10 +146,8 @@ def _drives(drives: Sequence[NextDrive]) -> list[str]:
     """Write each drive once, with all pairs that it tells apart."""
     pairs: dict[tuple[str, str], list[str]] = {}
     for drive in drives:
-        (first, second), power = (
-            drive.pair,
-            f" (settles it in {drive.power:.0%} of cases)" * bool(drive.settings),
-        )
+        first, second = drive.pair
+        power = f" (settles it in {drive.power:.0%} of cases)" * bool(drive.settings)
         pairs.setdefault((drive.manoeuvre, first), []).append(f"{second}{power}")
     told = []
     for (manoeuvre, first), others in pairs.items():
