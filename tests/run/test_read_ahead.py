@@ -107,7 +107,7 @@ def test_an_error_of_reading_is_told():
         long_log.work(long_log.read_ahead(cut_off()), Settings())
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc who is alive")
+@pytest.mark.skipif(sys.platform != "linux", reason="reads memory from /proc")
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_nothing_is_left_of_a_command_that_is_ended(tmp_path, ending):
     (tmp_path / "rover.toml").write_text(ROVER)

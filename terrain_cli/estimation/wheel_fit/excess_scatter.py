@@ -1,6 +1,9 @@
 """How much more the residuals of a window scatter, over long stretches, than sensor noise explains."""
 
+from statistics import NormalDist
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import samples_per_independent
@@ -55,6 +58,14 @@ def slow_share(residuals: Array, bounds: Bounds) -> Array:
     lasting = lasting_squares(residuals, bounds)
     share = np.divide(lasting, power, out=np.zeros_like(power), where=power > 0.0)
     return np.asarray(share.max(axis=0, initial=0.0))
+
+
+def exceeded(free: ArrayLike, probability: float) -> Array:
+    """Return what χ² of so many degrees of freedom exceeds that rarely (Wilson & Hilferty 1931)."""
+    free = np.asarray(free)
+    part = 2.0 / (9.0 * free)
+    normal = NormalDist().inv_cdf(1.0 - probability)
+    return np.asarray(free * (1.0 - part + normal * np.sqrt(part)) ** 3)
 
 
 def samples_a_second(time: Array | None) -> float:

@@ -7,7 +7,6 @@ weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 an
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +16,7 @@ from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import student
 from terrain_cli.estimation.wheel_fit import damped_search, missing_effects, valley
 from terrain_cli.estimation.wheel_fit.channel_series import BY_CHANCE, EACH, spikes, steadied
-from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
+from terrain_cli.estimation.wheel_fit.excess_scatter import exceeded, slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, missed_share, parameters, residuals_of
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
@@ -62,7 +61,8 @@ _GROUP = 100_000  # Samples fitted at a time, where windows share nothing
 
 def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:
     """Tell which samples are too far from a robust fit, of these or of some, for the noise of `problem`."""
-    limits = _squares(data.measured.shape[0], BY_CHANCE / max(data.measured.shape[1], 1))
+    every, free = data.measured.shape[1], np.arange(1, data.measured.shape[0] + 1)
+    limits = np.concatenate([[np.inf], exceeded(free, BY_CHANCE / max(every, 1))])
     far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])
     wild = np.zeros(data.measured.shape[1], dtype=bool)
     if len(far):
@@ -86,14 +86,6 @@ def _squared(problem: Problem, data: FitData, found: State, order: int | None, p
     for _ in range(passes):
         accumulate(problem, data, found.t, found.common, latent, order=order, each=keep)
     return squared
-
-
-def _squares(most: int, probability: float) -> Array:
-    """Return what χ² of 0 to so many degrees of freedom exceeds that rarely (Wilson & Hilferty 1931)."""
-    free = np.arange(1, most + 1)
-    part = 2.0 / (9.0 * free)
-    normal = NormalDist().inv_cdf(1.0 - probability)
-    return np.concatenate([[np.inf], free * (1.0 - part + normal * np.sqrt(part)) ** 3])
 
 
 def fit(

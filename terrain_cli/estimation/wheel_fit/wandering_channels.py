@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
-from terrain_cli.estimation.wheel_fit.excess_scatter import memory
+from terrain_cli.estimation.wheel_fit.excess_scatter import exceeded, memory
 from terrain_cli.estimation.wheel_fit.linearised import solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import arrow
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 #: Half waves in a window at the most, the s that each lasts at least, and its samples. Judged: noise of
 #: sensors lasts up to 1 s, and zeros drift over tens of seconds.
 _WAVES, _LASTS, _SAMPLES = 8, 5.0, 20
-#: Standard deviations beyond chance, over all windows, at which a channel wanders: once in a thousand. In 88
+#: How rarely chance gives such waves over all windows: 3.1 standard deviations. In 88
 #: clean drives of another simulator, noise that lasts up to 0.3 s among them, no row `ok` of 182 is lost by
 #: it; of 1,359 windows of window_coverage_study (40 a row, seed 78500001; noise unknown and told) 3 are.
-_WANDERS = 3.1
+_RARELY = 1e-3
 #: Share of a wave that the fit leaves, below which it tells nothing.
 _LEFT = 1e-3
 
@@ -49,7 +49,7 @@ def wandering(parts: list[Equations], data: FitData, t: Array, second: float) ->
         added[row, 0], added[row, 1:] = data.seen[row], waves * data.seen[row]
         added = solve_lower(factor, added)
         found = _of_waves(residual, design, added[:, 1:], data, t, row)
-        if found.free and _beyond_chance(found.squares, found.free) > _WANDERS:
+        if found.free and found.squares > exceeded(found.free, _RARELY):
             constant = segment_sum(np.einsum("apn,an->pn", design, added[:, 0]), data.bounds).T
             yield np.einsum("wpq,wq->wp", found.own, constant) * found.size
 
@@ -96,9 +96,3 @@ def _of_waves(residual: Array, design: Array, added: Array, data: FitData, t: Ar
     known = float(np.sum(np.einsum("wmm->w", left) / lasting))
     power = 0.5 * free.mean() * max(squares - free.sum(), 0.0) / known if known > 0.0 else 0.0
     return _Waves(squares, int(free.sum()), float(np.sqrt(power)), found.own)
-
-
-def _beyond_chance(squares: float, free: int) -> float:
-    """Return how many standard deviations χ² is beyond chance (Wilson & Hilferty 1931)."""
-    part = 2.0 / (9.0 * free)
-    return float(((squares / free) ** (1.0 / 3.0) - (1.0 - part)) / np.sqrt(part))
