@@ -318,7 +318,7 @@ def test_another_base_is_counted_with_the_noise_of_the_first():
 
 
 def test_noise_that_a_better_soil_passes_on_is_no_loss():
-    """A hard layer answers to the noise of the sinkage: torque scatters more here and there, by noise alone."""
+    """A hard layer answers to the noise of the sinkage: torque scatters more in places, all by noise."""
     rng = np.random.default_rng(14)
     before = drawn(rng, (1.0, 5.0, 1e-3))
     after = {**before, "sinkage": 0.85 * before["sinkage"]}
