@@ -48,19 +48,19 @@ def weigh(
         noise = next((level for level in levels if np.isfinite(level)), np.nan)
         if not levels:
             continue
-        column = names.index(name) if name in names else None
-        if column is None:
+        place = names.index(name) if name in names else None
+        if place is None:
             before, after, change = held_out_error(first, name), held_out_error(second, name), _UNKNOWN
         else:
-            before, after, change, _ = root_intervals(sums[:, column])
+            before, after, change, _ = root_intervals(sums[:, place])
         channels.append(
             ChannelChange(
                 name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=change
             )
         )
         other_way = (change.value > 0.0) != (overall.value > 1.0)
-        if column is not None and other_way and not channels[-1].misses:
-            sums[:, column, 1] = sums[:, column, 0]
+        if place is not None and other_way and not channels[-1].misses:
+            sums[:, place, 1] = sums[:, place, 0]
     overall = _overall(sums)
     aside = 0 if _every(first) else sum(int(one.sum()) for one in _judging(first))
     short = kept_aside.too_short(wheel.windows.samples for wheel in first.wheels)
