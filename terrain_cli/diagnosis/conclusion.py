@@ -44,6 +44,7 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
     tracked = any(_large(comparison, one) for one in comparison.failures)
     return Evidence(
         ratios=over_noise(comparison),
+        effects=tuple(comparison.model["effects"]),
         blocks=comparison.blocks,
         raised=tracked or (scores is not None and scores.raised),
         tracked=tracked,
@@ -100,6 +101,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
     drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
     return Evidence(
         ratios=ratios,
+        effects=tuple(found.comparison.model["effects"]),
         noise_with=f"{listed(passed)} as estimated with {first.effect}" if first and passed else "",
         blocks=found.comparison.blocks,
         raised=found.alarm.raised,
@@ -153,8 +155,8 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         drive, first = (found.drive, _first(found)) if alike else ("", "")
         if found.fewer and found.changes:
             too = "better" if found.leaves else "too"
-            soil = f"A soil that changes at {_places(found)} would explain it {too}"
-            first = f" {soil}. To tell, {_settled(found)}.{first}"
+            first = f" would explain it {too}. To tell, {_settled(found)}.{first}"
+            first = f" A soil that changes at {_places(found)}{first}"
             drive = drive or _BACK * (not found.points)
         verb = "may miss" if known and not above and not doubtful else "misses"
         told = f"The model {verb} something: {size}, and {cause}.{first} Next: {command}"
@@ -180,15 +182,19 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
     if found.impossible:
         told += f", but only with {listed(found.impossible)}, which is physically impossible: something is "
         told += "missing that the soil takes up, or a sensor is wrong."
-        tried = found.verdict is not None or found.refused or found.ended
-        command = "" if tried else asked.looked("diagnose")
+        if found.verdict is None and not found.refused and not found.ended:
+            command = asked.looked("diagnose")
+            return Conclusion("unexplained", f"{told} Next: {command}", command)
         check = "Check zero and gain of each sensor, and drive over a wider range of load and slip."
-        return Conclusion("unexplained", f"{told} {check if tried else f'Next: {command}'}", command)
+        return Conclusion("unexplained", f"{told} {check}")
     told += ", and the data show no missing effect."
     if found.changes:
         needed = ", and no effect predicts as well with fewer soils" * found.needed
         told += f" The soil changes at {_places(found)}{needed}."
-    return Conclusion("fits", f"{told}{_unseen(found)}")
+    if found.like_a_soil:
+        like = listed(found.like_a_soil, "or")
+        told += f" Without drawbar pull, {like} would look much like another soil."
+    return Conclusion("fits", told)
 
 
 def _places(found: Evidence) -> str:
@@ -202,28 +208,16 @@ def _settled(found: Evidence) -> str:
     return f"{again}: if the misfit changes at the same place, the soil is the cause"
 
 
-def _unseen(found: Evidence) -> str:
-    """Say which errors the soil takes up whole where the forces are not all measured."""
-    if "torque" not in found.ratios or "drawbar pull" in found.ratios:
-        return ""
-    return (
-        " Without drawbar pull, these data cannot show friction in the drive, nor a wrong zero or gain of "
-        "torque or load: each looks like another soil."
-    )
-
-
 def _first(found: Evidence) -> str:
     """Say what to do before an effect is added that others look like."""
-    drive, checks = found.drive, found.checks
-    if not drive and not checks:
+    if not found.drive and not found.checks:
         return ""
-    check = listed(list(checks), "or") if checks else ""
+    check = listed(list(found.checks), "or") if found.checks else ""
     tell = "tell all of them apart" if len(found.family) > 1 else "rule out all others"
-    if not drive:
-        told = f" No drive can {tell}. First {check}."
-    else:
-        told = f" First record this drive, and diagnose both logs together: {drive}."
-        told += f" Also {check}: the drive alone does not {tell}." * bool(checks)
+    told = f" No drive can {tell}. First {check}."
+    if found.drive:
+        told = f" First record this drive, and diagnose both logs together: {found.drive}."
+        told += f" Also {check}: the drive alone does not {tell}." * bool(check)
     return f"{told} Without that, the next command chooses by the held-out error alone."
 
 
@@ -279,22 +273,23 @@ def _unexplained(
         what = listed(found.refused, "or")
         then = f"To test {what} again, record this drive, and diagnose both logs together: {drive}."
     # That something is missing is not known: a soil that varies leaves as much.
-    what = "does not fit to within the noise" if above else "may miss something"
-    told = f"The model {what}: {size}; {why}. {then}"
-    return Conclusion("unexplained", told, command, found.unrecorded, drive)
+    told = (
+        f"The model {'does not fit to within the noise' if above else 'may miss something'}: {size}; {why}. "
+    )
+    return Conclusion("unexplained", told + then, command, found.unrecorded, drive)
 
 
 def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few: bool) -> Conclusion:
     if few:
-        size = f" {_size(above)[0].upper()}{_size(above)[1:]}." if above else ""
-        told = f"{too_few(found.blocks)} to tell whether the model misses something.{size}"
+        told = f"{too_few(found.blocks)} to tell whether the model misses something."
+        told += f" {_size(above)[0].upper()}{_size(above)[1:]}." if above else ""
         return Conclusion("undecided", f"{told} {_more(found)}")
-    of = listed(list(found.ratios)) if found.ratios else "the sensors"
+    of = listed(list(found.ratios) or ["the sensors"])
     told = f"The data show no missing effect, but the noise of {of} is not known: repeat some test points."
     # A diagnosis of test points also looks at their order.
     first = found.verdict is None and not found.refused and found.points
     command = asked.looked("diagnose") if first else ""
-    return Conclusion("undecided", f"{told} Next: {command}" if command else told, command)
+    return Conclusion("undecided", f"{told} Next: {command}" if first else told, command)
 
 
 def _more(found: Evidence) -> str:
@@ -305,25 +300,23 @@ def _more(found: Evidence) -> str:
 
 def _size(above: Mapping[str, float]) -> str:
     """Say how large the errors beyond the noise are."""
-    (first, ratio), *others = above.items()
-    told = [f"{_number(ratio)} × the noise in {first}", *(f"{_number(one)} × in {n}" for n, one in others)]
+    told = [
+        f"{ratio:.{1 if ratio < 9.95 else 0}f} ×{' the noise' * (not place)} in {name}"
+        for place, (name, ratio) in enumerate(above.items())
+    ]
     return f"the held-out error is {listed(told)}"
 
 
 def _at_most(known: Mapping[str, float]) -> str:
     if not known:
         return "the noise of the sensors is not known"
-    most = max(known, key=lambda name: known[name])
+    most = max(known, key=known.__getitem__)
     return f"the held-out error is at most {known[most]:.2f} × the noise (in {most})"
 
 
 def _not_random(known: Mapping[str, float]) -> str:
     """Say that errors which are as small as the noise follow something."""
     return f"{_at_most(known)}{' but systematic' * bool(known)}"
-
-
-def _number(ratio: float) -> str:
-    return f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}"
 
 
 def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
@@ -377,8 +370,7 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
 
 
 def _did_not_pay(found: Evidence) -> str:
-    one = len(found.refused) == 1
-    were, them = ("was", "it") if one else ("were", "them")
+    were, them = ("was", "it") if len(found.refused) == 1 else ("were", "them")
     return f"{listed(found.refused)} {were} tried, and held-out data do not support {them}"
 
 
@@ -394,7 +386,6 @@ def _record(found: Evidence, *, few: bool) -> str:
         told += "drawbar pull alone: a slope, a tether or its sensor."
     if not found.unrecorded:
         return told
-    named = [name.replace("_", " ") for name in found.unrecorded]
-    more = named[:_MOST_NAMED]
-    such = ", such as" if len(named) > len(more) else ":"
+    more = [name.replace("_", " ") for name in found.unrecorded[:_MOST_NAMED]]
+    such = ", such as" if len(found.unrecorded) > len(more) else ":"
     return f"{told} Also record a channel that effects need{such} {listed(more, 'or')}."

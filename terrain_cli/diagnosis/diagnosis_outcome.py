@@ -278,6 +278,14 @@ def too_few(blocks: int) -> str:
     return f"{counted(blocks, 'independent stretch', 'es')} of data {'is' if blocks == 1 else 'are'} too few"
 
 
+#: Effects that change torque and sinkage much as another soil does.
+_LIKE_A_SOIL = {
+    "drivetrain-friction": "friction in the drive, a wrong zero of the torque",
+    "gear-efficiency": "a wrong gain of the torque",
+    "load-bias": "a wrong zero or gain of the load",
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """What is known of a model on some data."""
@@ -285,6 +293,7 @@ class Evidence:
     # Channel → held-out error over its noise; NaN where the noise is not known
     ratios: Mapping[str, float]
     blocks: int  # Independent stretches of data
+    effects: tuple[str, ...] = ()  # Of the model
     raised: bool  # What is left is not random: by findings, by the scores of effects, or by a diagnosis
     tracked: bool = False  # By findings: it varies with what was recorded
     # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
@@ -327,6 +336,13 @@ class Evidence:
     def misses(self) -> bool:
         """Whether an error is larger than noise."""
         return bool(self.above)
+
+    @property
+    def like_a_soil(self) -> list[str]:
+        """Which errors that the model does not have the soil takes up nearly whole, without drawbar pull."""
+        if "torque" not in self.ratios or "drawbar pull" in self.ratios:
+            return []
+        return [what for effect, what in _LIKE_A_SOIL.items() if effect not in self.effects]
 
     @property
     def fit_beside_pull(self) -> list[str]:

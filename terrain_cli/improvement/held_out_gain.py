@@ -24,7 +24,9 @@ def weigh(
 
     Channels have different units, and one may miss by far more than its noise. So what is said of all
     together is the mean of the logarithms of the ratios of their errors, each weighted by its samples: the
-    likelihood of held-out data where the size of each channel's error is not known beforehand.
+    likelihood of held-out data where the size of each channel's error is not known beforehand. A channel that
+    goes the other way than they do counts as unchanged where its greater error is noise: the better soil may
+    pass more of the noise of slip, load and sinkage on, as a hard layer does that of the sinkage.
 
     Another base reads other channels, and their noise is in what it predicts. So its errors are counted with
     the noise that reaches the first: what is compared is what a model could have known. A channel that only
@@ -37,26 +39,29 @@ def weigh(
         for column, name in enumerate(names):
             more = first.channels[name].noise ** 2 - own.channels[name].noise ** 2
             sums[:, column, 1] += sums[:, column, 2] * (more if np.isfinite(more) else 0.0)
-    total = sums.sum(axis=0)
-    overall = exponential(jackknife(_logarithm(total[None])[0], _logarithm(total - sums)))
+    overall = _overall(sums)
     # Where a model misses, its misfit is in what passes for noise.
     better = (first, own) if overall.value > 1.0 or _other_base(first, second) else (own, first)
     channels = []
     for name in UNITS:
         levels = [one.channels[name].noise for one in better if name in one.channels]
         noise = next((level for level in levels if np.isfinite(level)), np.nan)
-        if name in names:
-            column = names.index(name)
-            before, after, change, _ = root_intervals(sums[:, column])
-        elif levels:
+        if not levels:
+            continue
+        place = names.index(name) if name in names else None
+        if place is None:
             before, after, change = held_out_error(first, name), held_out_error(second, name), _UNKNOWN
         else:
-            continue
+            before, after, change, _ = root_intervals(sums[:, place])
         channels.append(
             ChannelChange(
                 name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=change
             )
         )
+        other_way = (change.value > 0.0) != (overall.value > 1.0)
+        if place is not None and other_way and not channels[-1].misses:
+            sums[:, place, 1] = sums[:, place, 0]
+    overall = _overall(sums)
     aside = 0 if _every(first) else sum(int(one.sum()) for one in _judging(first))
     short = kept_aside.too_short(wheel.windows.samples for wheel in first.wheels)
     return channels, HeldOutEvidence(overall, len(sums), lost, aside, short)
@@ -76,6 +81,12 @@ def _judging(comparison: Comparison) -> Iterator[Mask]:
 
 def _other_base(first: Comparison, second: Comparison) -> bool:
     return first.wheels[0].model.base != second.wheels[0].model.base
+
+
+def _overall(sums: Array) -> Interval:
+    """Return the ratio of the errors of all channels, after to before, with its interval."""
+    total = sums.sum(axis=0)
+    return exponential(jackknife(_logarithm(total[None])[0], _logarithm(total - sums)))
 
 
 def _logarithm(sums: Array) -> Array:

@@ -74,7 +74,10 @@ def doubt(step: Step) -> str:
 
 def found(step: Step) -> str:
     """Say what became of the held-out error, without a name."""
-    held = [f"{name} = {value:g}" for name, value in step.held.items()]
+    held = [
+        f"{name} = {value:g} ({step.after.model.parameters[name].meaning})"
+        for name, value in step.held.items()
+    ]
     form = f", with {listed(held)}" if held else ""
     return f"{'on the stretches kept aside, ' * bool(step.evidence.aside)}{_found(step)}{form}"
 
@@ -103,7 +106,7 @@ def _found(step: Step) -> str:
         joined = "but" if step.fell else "and"
         null = f"its parameters do not differ significantly from their null values (p {step.absent:.2g})"
         return f"{text}, {joined} {null}"
-    if step.imitates:
+    if step.imitates and step.fell:
         values = listed(
             [f"{p.name} = {quantities.number(p.value)} ± {quantities.number(p.se)}" for p in step.imitates]
         )

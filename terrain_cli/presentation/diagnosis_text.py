@@ -6,7 +6,7 @@ from typing import Any
 
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, NextDrive
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement import model_history
@@ -130,7 +130,7 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     if shown:
         soils = "; same soils: those of the rows below" * bool(diagnosis.heldout)
         lines += ["", *_table(diagnosis, shown), *order(fitted, diagnosis.together), f"{_LEGEND}{soils}"]
-    lines += _drives(diagnosis.next_drive)
+    lines += _drives(diagnosis)
     if diagnosis.not_testable:
         lines += ["", "not testable on these data:"]
         reasons: dict[str, list[str]] = {}
@@ -142,13 +142,17 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     return "\n".join(lines)
 
 
-def _drives(drives: Sequence[NextDrive]) -> list[str]:
+def _drives(diagnosis: Diagnosis) -> list[str]:
     """Write each drive once, with all pairs that it tells apart."""
+    effects = {one.effect for one in diagnosis.candidates}
     pairs: dict[tuple[str, str], list[str]] = {}
-    for drive in drives:
+    for drive in diagnosis.next_drive:
         first, second = drive.pair
         power = f" (settles it in {drive.power:.0%} of cases)" * bool(drive.settings)
-        pairs.setdefault((drive.manoeuvre, first), []).append(f"{second}{power}")
+        # The first sentence says which.
+        drafted = diagnosis.unknown is not None and second not in effects
+        rival = "that error of a sensor" if drafted else second
+        pairs.setdefault((drive.manoeuvre, first), []).append(f"{rival}{power}")
     told = []
     for (manoeuvre, first), others in pairs.items():
         told += ["", f"to tell {first} from {listed(others, 'or')}: {manoeuvre}"]

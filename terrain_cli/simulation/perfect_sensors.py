@@ -15,6 +15,7 @@ from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
 from terrain_cli.simulation.course import STEP, Ride, plan, ride, standing
 from terrain_cli.simulation.scenario import Scenario
+from terrain_cli.telemetry import derived_channels
 from terrain_cli.telemetry.effect_inputs import MEANS, RUT, sources
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -245,10 +246,8 @@ def _without(base: Any, effects: Iterable[Any], *quantities: str) -> Model:
 
 
 def wheel_speed(velocity: Array, slip: Array, radius: float) -> Array:
-    """Return ω (rad/s) of a wheel that moves at V with a slip i: the inverse of `derived_channels.slip`."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        driving = velocity / (radius * (1.0 - np.minimum(slip, 0.999)))
-    return np.where(slip >= 0.0, driving, velocity * (1.0 + slip) / radius)
+    """Return ω (rad/s) of a wheel that moves at V with a slip i, of which a search may pass the full one."""
+    return derived_channels.angular_velocity(velocity, np.minimum(slip, 0.999), radius)
 
 
 def _change(before: Array, after: Array) -> float:

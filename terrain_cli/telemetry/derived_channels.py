@@ -55,6 +55,12 @@ def velocity(angular_velocity: Array, slip: Array, radius: float) -> Array:
     return np.asarray(share * radius * angular_velocity)
 
 
+def angular_velocity(velocity: Array, slip: Array, radius: float) -> Array:
+    """Wheel speed (rad/s) of a wheel that moves at V with a slip i: `slip` solved for ω; NaN at full slip."""
+    driving = velocity / (radius * np.where(slip < 1.0, 1.0 - slip, np.nan))
+    return np.asarray(np.where(slip < 0.0, velocity * (1.0 + slip) / radius, driving))
+
+
 def torque_from_current(
     current: Array, motor: Motor, *, temperature: Array | None = None, angular_velocity: Array | None = None
 ) -> Array:

@@ -47,8 +47,9 @@ def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
 def lacking(raw: Raw, wheel: Wheel, effects: Iterable[Effect]) -> list[Lack]:
     """Say what is missing for the effects of a model."""
     there = {*NEEDED, *raw.channels, *raw.extras, *(["time"] if raw.time is not None else [])}
-    # Slip is needed anyway, and with it ω tells V.
-    return _lacks(there | ({"velocity"} if "angular_velocity" in there else set()), wheel, effects)
+    # Slip is needed anyway, and with it ω tells V, and V tells ω.
+    speeds = {"velocity", "angular_velocity"}
+    return _lacks(there | (speeds if there & speeds else set()), wheel, effects)
 
 
 def not_read(samples: Samples, effects: Iterable[Effect]) -> list[Lack]:

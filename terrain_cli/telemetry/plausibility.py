@@ -17,6 +17,7 @@ from terrain_cli.telemetry.unit_doubts import (
     Suspicion,
     UnitEvidence,
     Weight,
+    limited,
     pull,
     stuck,
 )
@@ -313,6 +314,7 @@ def _hot(e: UnitEvidence) -> Suspicion | None:
     return Suspicion(what, "motor_temperature", Mend("motor_temperature", "K"))
 
 
+_CHANGING = ("torque", "motor_current", "drawbar_pull", "load", *ROUNDED)  # With slip or load, of a wheel
 #: In this order: of several that are errors the first is raised.
 CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
     # A velocity that was derived from a slip in % is wrong with it.
@@ -330,7 +332,8 @@ CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
     _angle("slip_angle", 0.55 * np.pi),
     _hot,
     # T grows by a third and more from a slip of 0.1 to 0.2, and with the load; z with load^0.6 (ranges).
-    *map(stuck, ("torque", "motor_current", "drawbar_pull", "load", *ROUNDED)),
+    *map(stuck, _CHANGING),
+    *map(limited, _CHANGING),
 )
 
 

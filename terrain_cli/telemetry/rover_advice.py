@@ -43,7 +43,7 @@ class Lack(NamedTuple):
 
 
 def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict[str, str], list[Lack]]:
-    """Say how needed channels not recorded, and the velocity, can be derived, and what is missing."""
+    """Say how needed channels not recorded, and V or ω, can be derived, and what is missing."""
     have = set(available)
     missing = tuple(name for name in ("angular_velocity", "velocity") if name not in have)
     no_depth = Lack("sinkage", f"{NOWHERE}, and there is no entry angle", ("sinkage",))
@@ -58,6 +58,8 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
     derived = {name: way for name, way in found.items() if isinstance(way, str)}
     if "velocity" not in have and {"angular_velocity", "slip"} <= have:
         derived["velocity"] = "angular velocity and slip"
+    if "angular_velocity" not in have and {"velocity", "slip"} <= have:
+        derived["angular_velocity"] = "velocity and slip"
     return derived, [way for way in found.values() if isinstance(way, Lack)]
 
 
@@ -140,6 +142,9 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
     if "velocity" in derived:
         omega, slip = channels["angular_velocity"], channels["slip"]
         channels["velocity"] = derived_channels.velocity(omega, slip, radius)
+    if "angular_velocity" in derived:
+        speed, slip = channels["velocity"], channels["slip"]
+        channels["angular_velocity"] = derived_channels.angular_velocity(speed, slip, radius)
 
 
 def because(plan: Plan, wheel: str, lack: Lack) -> str:

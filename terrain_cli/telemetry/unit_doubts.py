@@ -316,6 +316,26 @@ def stuck(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
     return check
 
 
+def limited(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
+    """Return a check of a channel whose sensor may end where the quantity does not."""
+
+    def check(e: UnitEvidence) -> Suspicion | None:
+        columns = e.columns(name) if name in e.measured else None
+        for column in columns or ():
+            for end, beyond in zip((column.max(), column.min()), ("more", "less"), strict=True):
+                rest = column[column != end]
+                # What is rounded, or held until the next value comes, has few values everywhere.
+                if end != 0.0 and len(column) - len(rest) >= STUCK and len(np.unique(rest)) > 0.5 * len(rest):
+                    share = 1.0 - len(rest) / len(column)
+                    what = (
+                        f"{name} is {end:.4g} in {share:.0%} of the samples, and never {beyond}, as where a"
+                    )
+                    return Suspicion(f"{what} sensor, or what reads it, is at its limit", name)
+        return None
+
+    return check
+
+
 def _frozen(values: Array) -> slice | None:
     """Find the longest run of one value in a channel that otherwise changes from sample to sample."""
     bounds = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))

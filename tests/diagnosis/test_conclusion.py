@@ -569,7 +569,15 @@ def test_the_next_command_changes_the_file_that_is_there():
 
 def test_without_drawbar_pull_it_says_what_would_not_show():
     """A torque that is off by a constant is cohesion then, a load by a factor friction."""
-    assert conclude(evidence(FINE), ASKED).sentence.endswith("each looks like another soil.")
+    told = conclude(evidence(FINE), ASKED).sentence
+    assert told.endswith("or a wrong zero or gain of the load would look much like another soil.")
+    # What is in the model has shown.
+    found = conclude(evidence(FINE, effects=("drivetrain-friction", "load-bias")), ASKED).sentence
+    assert found.endswith(
+        "Without drawbar pull, a wrong gain of the torque would look much like another soil."
+    )
+    every = ("drivetrain-friction", "load-bias", "gear-efficiency")
+    assert conclude(evidence(FINE, effects=every), ASKED).sentence.endswith("no missing effect.")
     pulled = conclude(evidence({**FINE, "drawbar pull": 0.99}), ASKED).sentence
     assert "drawbar" not in pulled.split("data show")[1]
 
@@ -584,7 +592,8 @@ def test_a_base_that_is_not_the_usual_one_is_named():
 def compared_to(channels, **further):
     known = {"blocks": 20, "stretch": None, "doubted": (), "refused": Refused(), "points": False}
     known |= {"soil_count": 0, "soil_changes": [], "wheels": [None], "unsorted": False, "impossible": ()}
-    return SimpleNamespace(channels=channels, **{**known, "failures": [], **further})
+    model = {"base": "wong-reece", "effects": []}
+    return SimpleNamespace(model=model, channels=channels, **{**known, "failures": [], **further})
 
 
 @pytest.mark.parametrize(("amplitude", "raised"), [(0.002, False), (-0.002, False), (0.004, True)])

@@ -11,6 +11,7 @@ from uncatalogued import OUTSIDE
 from terrain_cli import effects
 from terrain_cli.diagnosis import diagnose, drafted_laws, outside_catalogue
 from terrain_cli.models import ModelFile
+from terrain_cli.presentation import diagnosis_text
 
 
 def no_share(_):
@@ -169,6 +170,7 @@ def test_what_keeps_an_effect_from_being_the_one_name_is_settled_by_a_drive_too(
     (drive,) = found.next_drive
     assert drive.pair == ("wheel-radius", "slip-offset-constant")
     assert min(drive.settings["slip"]) < 0.0 < max(drive.settings["slip"])
+    assert "to tell wheel-radius from that error of a sensor (" in diagnosis_text.text(found)
 
 
 def test_a_soil_that_follows_what_changes_slowly_is_no_soil_in_parts(monkeypatch):

@@ -315,3 +315,17 @@ def test_another_base_is_counted_with_the_noise_of_the_first():
     assert (change.noise, evidence.overall.value < 1.0) == (2.0, True)
     ((raw,), _) = weigh(outcome({"torque": first.wheels[0].series["torque"].measured}), second)
     assert raw.after.value == pytest.approx(3.0, rel=0.1)
+
+
+def test_noise_that_a_better_soil_passes_on_is_no_loss():
+    """A hard layer answers to the noise of the sinkage: torque scatters more in places, all by noise."""
+    rng = np.random.default_rng(14)
+    before = drawn(rng, (1.0, 5.0, 1e-3))
+    after = {**before, "sinkage": 0.85 * before["sinkage"]}
+    after["torque"] = before["torque"] * np.exp(0.05 + 0.3 * rng.normal(size=BLOCKS))[BLOCK]
+    noise = float(np.sqrt(np.mean(after["torque"] ** 2)))
+    assert noise > 1.1 * np.sqrt(np.mean(before["torque"] ** 2))
+    assert not step(outcome(before), outcome(after, noise=1.0)).better
+    found = step(outcome(before), outcome(after, noise=noise))
+    assert found.better
+    assert found.evidence.overall.value == pytest.approx(0.85 ** (1 / 3))

@@ -262,6 +262,7 @@ def test_candidates_of_ones_own_are_named_by_their_paths(own):
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
         comparison=SimpleNamespace(
+            model={"base": "wong-reece", "effects": []},
             channels={},
             blocks=20,
             stretch=None,

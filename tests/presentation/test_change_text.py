@@ -2,9 +2,37 @@
 
 from types import SimpleNamespace
 
+from terrain_cli import models
 from terrain_cli.comparison.blocks import Interval
 from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence
 from terrain_cli.presentation import change_text
+
+
+def test_an_error_that_rose_needs_no_excuse():
+    sinkage = ChannelChange(
+        name="sinkage",
+        unit="m",
+        before=Interval(0.626e-3, 0.6e-3, 0.65e-3),
+        after=Interval(0.997e-3, 0.9e-3, 1.1e-3),
+        noise=0.62e-3,
+        difference=Interval(0.371e-3, 0.3e-3, 0.45e-3),
+    )
+    step = SimpleNamespace(
+        action="add",
+        testable=True,
+        there=True,
+        imitates=[SimpleNamespace(name="c1", value=1.9, se=0.3)],
+        fell=[],
+        rose=[sinkage],
+        pays=False,
+        held={"wheel-radius.whole": 1.0},
+        after=models.added(models.build("wong-reece"), ["wheel-radius"], 0.02).file,
+        evidence=HeldOutEvidence(Interval(1.2, 1.1, 1.3), blocks=20, lost=0.0),
+    )
+    assert change_text.found(step) == (
+        "the held-out error rose in sinkage from 0.626 to 0.997 mm, with wheel-radius.whole = 1 "
+        "(0: slip alone was computed with another radius; 1: the contact has that radius too)"
+    )
 
 
 def test_an_error_that_fell_is_not_said_not_to_have_fallen():

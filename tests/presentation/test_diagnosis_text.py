@@ -1,5 +1,7 @@
 """A diagnosis in words."""
 
+from types import SimpleNamespace
+
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.presentation import diagnosis_text
 
@@ -12,7 +14,8 @@ def test_a_drive_that_tells_several_apart_is_said_once():
         NextDrive(("load-bias", "bulldozing"), "no drive tells them apart: weigh it", 0.7, check="weigh it"),
     ]
     both = "slope (settles it in 98% of cases) or crust (settles it in 88% of cases)"
-    assert diagnosis_text._drives(drives) == [
+    found = SimpleNamespace(next_drive=drives, candidates=[], unknown=None)
+    assert diagnosis_text._drives(found) == [
         "",
         f"to tell load-bias from {both}: sweep",
         "",

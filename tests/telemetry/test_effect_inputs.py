@@ -104,6 +104,14 @@ def test_velocity_follows_from_slip(write, rover_of):
     assert samples.origins["velocity"] == "derived from angular velocity and slip"
 
 
+def test_wheel_speed_follows_from_slip(write, rover_of):
+    slip = np.linspace(-0.3, 0.8, N)
+    samples = read(write(angular_velocity=None, slip=slip), rover_of(GEOMETRY), "angular_velocity")
+    rim = 0.125 * samples.drivers["angular_velocity"]
+    np.testing.assert_allclose(np.where(slip < 0.0, rim / 0.1 - 1.0, 1.0 - 0.1 / rim), slip, atol=1e-12)
+    assert samples.origins["angular_velocity"] == "derived from velocity and slip"
+
+
 def test_what_a_parameter_needs_may_be_missing(write, rover_of):
     further = {"further": ("pitch", "torque_rate")}
     assert set(read(write(), rover_of(GEOMETRY), **further).drivers) == {"torque_rate"}

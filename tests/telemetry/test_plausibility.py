@@ -129,6 +129,12 @@ WRONG = {
     "pitch deg": (lambda d: d.assign(pitch=SLOPE), "pitch reaches", "doubt", "deg"),
     "roll deg": (lambda d: d.assign(roll=SLOPE), "roll reaches", "doubt", "deg"),
     "torque stuck": (lambda d: d.assign(torque=3.107), "torque is 3.107 in every sample", "doubt", ""),
+    "torque cut off": (
+        lambda d: d.assign(torque=d["torque"].clip(upper=d["torque"].quantile(0.9))),
+        "in 10% of the samples, and never more, as where a sensor, or what reads it, is at its limit",
+        "doubt",
+        "",
+    ),
     "sinkage stuck": (lambda d: d.assign(sinkage=0.0207), "sinkage is 0.0207 in every", "doubt", ""),
 }  # fmt: skip
 

@@ -57,6 +57,11 @@ def test_velocity_comes_from_a_recorded_slip():
     assert ways("load torque sinkage slip angular_velocity velocity", Rover()) == ({}, [])
 
 
+def test_wheel_speed_comes_from_a_recorded_slip():
+    derived, lacks = ways("load torque sinkage slip velocity", Rover())
+    assert (derived, lacks) == ({"angular_velocity": "velocity and slip"}, [])
+
+
 def test_without_temperature_coefficient_the_current_is_enough(rover_of):
     text = VEHICLE.replace("temperature_coefficient", "no_load_current").replace("-0.001", "0.1")
     assert ways("motor_current", rover_of(text), "a")[0]["torque"] == "motor current"
