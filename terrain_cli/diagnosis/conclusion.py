@@ -5,18 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from terrain_cli.comparison import Comparison, Finding, comparison_criteria
+from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.diagnosis_outcome import (
-    Asked,
-    Diagnosis,
-    Evidence,
-    above_noise,
-    leaves_much,
-    noise_with,
-    over_noise,
-    too_few,
-)
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, above_noise, too_few
+from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
 from terrain_cli.vocabulary.quantities import counted, listed
@@ -36,103 +28,6 @@ class Conclusion:
     command: str = ""  # The next one, ready to paste
     record: tuple[str, ...] = ()  # Channels that are worth recording
     drive: str = ""  # The drive to take before that command
-
-
-def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evidence:
-    """Collect what a comparison tells: its errors, its findings, and the scores of effects."""
-    scores = comparison.scores() if comparison.scores else None
-    tracked = any(_large(comparison, one) for one in comparison.failures)
-    return Evidence(
-        ratios=over_noise(comparison),
-        effects=tuple(comparison.model["effects"]),
-        blocks=comparison.blocks,
-        raised=tracked or (scores is not None and scores.raised),
-        tracked=tracked,
-        stretch=comparison.stretch,
-        doubted=_doubted(comparison, settled=bool(scores and scores.settles)),
-        refused=tuple(dict.fromkeys((*comparison.refused.names, *refused))),
-        ended=comparison.refused.ended,
-        unrecorded=scores.unrecorded if scores else (),
-        points=comparison.points,
-        unsorted=comparison.unsorted,
-        soils=comparison.soil_count,
-        wheels=len(comparison.wheels),
-        changes=tuple(comparison.soil_changes),
-        impossible=comparison.impossible,
-        needed=scores is not None and scores.instead is None,
-        instead=scores.instead or "" if scores else "",
-    )
-
-
-def _doubted(comparison: Comparison, *, settled: bool) -> tuple[str, ...]:
-    """Return what is doubted; if `settled` no more of how torque and pull change together."""
-    of_pull = ("torque", "drawbar pull", "motor current")
-    return tuple(one for one in comparison.doubted if not (settled and one.endswith(of_pull)))
-
-
-def _large(comparison: Comparison, finding: Finding) -> bool:
-    """Tell whether a finding is, from end to end, a share of its channel that is worth an alarm."""
-    errors = comparison.channels[finding.channel]
-    size = errors.rmse / errors.nrmse if errors.nrmse > 0.0 else 0.0
-    return not abs(finding.amplitude) < criteria.SMALLEST_SHARE * size
-
-
-def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:
-    """Collect what a diagnosis tells."""
-    law = found.unknown if found.verdict == "unknown" else None
-    # What is doubted explains nothing, unless all that is left is doubted.
-    doubted = {one.effect for one in found.candidates if one.doubt}
-    family = tuple(name for name in found.family if name not in doubted) or found.family
-    first = next((one for one in found.candidates if one.effect in family[:1]), None)
-    credible = [one for one in found.candidates if not one.doubt]
-    # Where several soils stand for an effect, their errors are those of noise.
-    fewer = found.soils < found.comparison.soil_count
-    hidden = found.alarm.raised and fewer and not above_noise(over_noise(found.comparison))
-    errors = found.heldout if hidden else {}
-    noise = noise_with(found.comparison, first.noise if first is not None else {}, errors)
-    ratios = over_noise(found.comparison, errors, noise)
-    passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
-    passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
-    leaves = first is not None and leaves_much(found.comparison, found.heldout, first)
-    settled = first is not None and first.settles and not leaves
-    likely = [(one.explained, one.effect) for one in credible if one.explained > criteria.STEPS_SHARE]
-    taken = [one.explained for one in found.candidates if one.effect in family]
-    # Nor is a drive worth while that only tells what explains it from what does not.
-    drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
-    return Evidence(
-        ratios=ratios,
-        effects=tuple(found.comparison.model["effects"]),
-        noise_with=f"{listed(passed)} as estimated with {first.effect}" if first and passed else "",
-        blocks=found.comparison.blocks,
-        raised=found.alarm.raised,
-        tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
-        stretch=found.comparison.stretch,
-        doubted=_doubted(found.comparison, settled=settled),
-        verdict=found.verdict,
-        family=family,
-        share=max(taken, default=law.explained if law and not law.begins else math.nan),
-        leaves=leaves,
-        closest=max(likely)[1] if likely else "",
-        together=found.together,
-        together_or=found.together_or,
-        law=law.law if law else "",
-        draft=draft if law else "",
-        refused=tuple(dict.fromkeys((*found.comparison.refused.names, *refused))),
-        ended=found.comparison.refused.ended,
-        unrecorded=found.unrecorded,
-        small=found.alarm.size if found.alarm.small else "",
-        drive=next((one.manoeuvre for one in drives if one.settings), ""),
-        # Of a pair it may be several.
-        checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
-        points=found.comparison.points,
-        unsorted=found.comparison.unsorted,
-        soils=found.comparison.soil_count,
-        wheels=len(found.comparison.wheels),
-        changes=tuple(found.comparison.soil_changes),
-        impossible=found.comparison.impossible,
-        needed=not fewer,
-        fewer=found.soils if hidden else 0,
-    )
 
 
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
@@ -155,8 +50,8 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         drive, first = (found.drive, _first(found)) if alike else ("", "")
         if found.fewer and found.changes:
             too = "better" if found.leaves else "too"
-            first = f" would explain it {too}. To tell, {_settled(found)}.{first}"
-            first = f" A soil that changes at {_places(found)}{first}"
+            soil = f"A soil that changes at {_places(found)} would explain it {too}"
+            first = f" {soil}. To tell, {_settled(found)}.{first}"
             drive = drive or _BACK * (not found.points)
         verb = "may miss" if known and not above and not doubtful else "misses"
         told = f"The model {verb} something: {size}, and {cause}.{first} Next: {command}"
@@ -273,10 +168,9 @@ def _unexplained(
         what = listed(found.refused, "or")
         then = f"To test {what} again, record this drive, and diagnose both logs together: {drive}."
     # That something is missing is not known: a soil that varies leaves as much.
-    told = (
-        f"The model {'does not fit to within the noise' if above else 'may miss something'}: {size}; {why}. "
-    )
-    return Conclusion("unexplained", told + then, command, found.unrecorded, drive)
+    what = "does not fit to within the noise" if above else "may miss something"
+    told = f"The model {what}: {size}; {why}. {then}"
+    return Conclusion("unexplained", told, command, found.unrecorded, drive)
 
 
 def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few: bool) -> Conclusion:
@@ -300,17 +194,19 @@ def _more(found: Evidence) -> str:
 
 def _size(above: Mapping[str, float]) -> str:
     """Say how large the errors beyond the noise are."""
-    told = [
-        f"{ratio:.{1 if ratio < 9.95 else 0}f} ×{' the noise' * (not place)} in {name}"
-        for place, (name, ratio) in enumerate(above.items())
-    ]
+    (first, ratio), *others = above.items()
+    told = [f"{_number(ratio)} × the noise in {first}", *(f"{_number(one)} × in {n}" for n, one in others)]
     return f"the held-out error is {listed(told)}"
+
+
+def _number(ratio: float) -> str:
+    return f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}"
 
 
 def _at_most(known: Mapping[str, float]) -> str:
     if not known:
         return "the noise of the sensors is not known"
-    most = max(known, key=known.__getitem__)
+    most = max(known, key=lambda name: known[name])
     return f"the held-out error is at most {known[most]:.2f} × the noise (in {most})"
 
 

@@ -10,7 +10,8 @@ from typing import Literal, NamedTuple
 from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.comparison.blocks import Interval
 from terrain_cli.diagnosis import diagnosis_criteria
-from terrain_cli.diagnosis.diagnosis_outcome import Evidence, NextDrive
+from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.models import ModelFile
 

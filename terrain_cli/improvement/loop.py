@@ -6,8 +6,8 @@ from typing import Any
 
 from terrain_cli import models
 from terrain_cli.comparison import Comparison, kept_aside
-from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, UnknownEffect
+from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Action, Step, Stopped
@@ -123,8 +123,8 @@ def _stopped(
     if found is None:
         assert last is not None  # noqa: S101 - what changed the model
         now = last.compared_after
-        return Stopped(file, False, because, conclusion.of_comparison(now), now)
-    evidence = conclusion.of_diagnosis(found, refused=refused)
+        return Stopped(file, False, because, Evidence.of_comparison(now), now)
+    evidence = Evidence.of_diagnosis(found, refused=refused)
     return Stopped(file, not found.alarm.raised, because, evidence, found.comparison)
 
 
@@ -157,7 +157,7 @@ def _proposed(
 ) -> tuple[list[tuple[str, ...]], str]:
     """Return what a diagnosis proposes; or nothing, and why."""
     if not found.alarm.raised:
-        evidence = conclusion.of_diagnosis(found)
+        evidence = Evidence.of_diagnosis(found)
         likely: list[tuple[str, ...]] = []
         if evidence.closest and evidence.misses:
             # Held-out data can judge what may be chance.

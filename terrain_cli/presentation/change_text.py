@@ -7,8 +7,9 @@ from typing import Any
 
 from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.comparison.blocks import Interval
-from terrain_cli.diagnosis import conclusion
+from terrain_cli.diagnosis.conclusion import Conclusion
 from terrain_cli.diagnosis.diagnosis_outcome import Asked, too_few
+from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import held_out_error
@@ -198,11 +199,11 @@ def _change(step: Step) -> dict[str, Any]:
     }
 
 
-def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
+def _concluded(step: Step, asked: Asked | None) -> Conclusion:
     """Conclude what is known of the model as it is after the decision."""
     now = step.compared_after if step.kept else step.compared_before
     refused = step.changed if step.action == "add" and not step.kept else ()
-    return comparison_text.conclusion_of(conclusion.of_comparison(now, refused), now, asked)
+    return comparison_text.conclusion_of(Evidence.of_comparison(now, refused), now, asked)
 
 
 def untested(entry: dict[str, Any]) -> dict[str, Any]:

@@ -16,9 +16,9 @@ from terrain_cli.comparison.comparison_outcome import (
     as_estimated,
     segment_soils,
 )
-from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.conclusion import Conclusion, conclude
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, Evidence
+from terrain_cli.diagnosis.diagnosis_outcome import Asked
+from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.estimation import WindowEstimates
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
@@ -165,8 +165,8 @@ def _difference(one: Difference) -> dict[str, Any]:
     }
 
 
-def concluded(comparison: Comparison, asked: Asked | None = None) -> conclusion.Conclusion:
-    return conclusion_of(conclusion.of_comparison(comparison), comparison, asked)
+def concluded(comparison: Comparison, asked: Asked | None = None) -> Conclusion:
+    return conclusion_of(Evidence.of_comparison(comparison), comparison, asked)
 
 
 def named(comparison: Comparison) -> str:

@@ -5,8 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from terrain_cli.comparison import kept_aside
-from terrain_cli.diagnosis import conclusion
+from terrain_cli.diagnosis.conclusion import Conclusion
 from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis
+from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement import model_history
@@ -51,8 +52,8 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
     }
 
 
-def _concluded(diagnosis: Diagnosis, asked: Asked | None, draft: str) -> conclusion.Conclusion:
-    evidence = conclusion.of_diagnosis(diagnosis, draft)
+def _concluded(diagnosis: Diagnosis, asked: Asked | None, draft: str) -> Conclusion:
+    evidence = Evidence.of_diagnosis(diagnosis, draft)
     return comparison_text.conclusion_of(evidence, diagnosis.comparison, asked)
 
 

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from terrain_cli.diagnosis.conclusion import Evidence, conclude, of_comparison, of_diagnosis
+from terrain_cli.diagnosis.conclusion import conclude
 from terrain_cli.diagnosis.diagnosis_outcome import Asked, NextDrive, UnknownEffect
+from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.models import Refused
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
@@ -497,7 +498,7 @@ def test_a_law_that_explains_most_is_more_than_a_stretch_unless_it_is_that_stret
         channel="sinkage", driver=driver, form=form, explained=explained, law="", sentence="", draft=""
     )
     found = diagnosis(verdict="unknown", family=(), unknown=law, stretch=(40.0, math.inf))
-    assert conclude(of_diagnosis(found), ASKED).command == command
+    assert conclude(Evidence.of_diagnosis(found), ASKED).command == command
 
 
 def test_an_effect_that_explains_most_is_more_than_a_stretch():
@@ -602,7 +603,7 @@ def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amp
     torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
     finding = SimpleNamespace(channel="torque", amplitude=amplitude)
     found = compared_to({"torque": torque}, failures=[finding], scores=None)
-    assert of_comparison(found).raised is raised
+    assert Evidence.of_comparison(found).raised is raised
 
 
 def diagnosis(*, stretch=None, **known):
@@ -638,15 +639,15 @@ def test_effects_of_a_doubtful_size_explain_nothing():
             NextDrive(("slope", "hardpan"), "no drive tells", 0.1, check="weigh it"),
         ],
     )
-    evidence = of_diagnosis(found)
+    evidence = Evidence.of_diagnosis(found)
     assert evidence.family == ("slope", "hardpan")
     assert evidence.leaves
     assert (evidence.drive, evidence.checks) == ("", ("weigh it",))
     for one in found.candidates:
         # A twelfth of the error: the noise differs by as much between models.
         one.doubt, one.heldout = "at its bound", {"torque": 1.3}
-    assert not of_diagnosis(found).leaves
-    assert of_diagnosis(found).family == names
+    assert not Evidence.of_diagnosis(found).leaves
+    assert Evidence.of_diagnosis(found).family == names
 
 
 @pytest.mark.parametrize(
@@ -687,7 +688,7 @@ def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
         heldout={},
         soils=0,
     )
-    assert told in conclude(of_diagnosis(found), ASKED).sentence
+    assert told in conclude(Evidence.of_diagnosis(found), ASKED).sentence
 
 
 @pytest.mark.parametrize(
@@ -717,4 +718,4 @@ def test_an_effect_that_explains_the_misfit_removes_the_doubt_of_a_unit(settles,
         heldout={},
         soils=0,
     )
-    assert of_diagnosis(found).doubted == left
+    assert Evidence.of_diagnosis(found).doubted == left

@@ -1,0 +1,194 @@
+"""What is known of a model on some data, whichever verb found it out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from terrain_cli.comparison import Comparison, Finding
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis.diagnosis_outcome import (
+    Diagnosis,
+    Verdict,
+    above_noise,
+    leaves_much,
+    noise_with,
+    over_noise,
+)
+from terrain_cli.vocabulary.quantities import listed
+
+#: Effects that change torque and sinkage much as another soil does.
+_LIKE_A_SOIL = {
+    "drivetrain-friction": "friction in the drive, a wrong zero of the torque",
+    "gear-efficiency": "a wrong gain of the torque",
+    "load-bias": "a wrong zero or gain of the load",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What is known of a model on some data."""
+
+    # Channel → held-out error over its noise; NaN where the noise is not known
+    ratios: Mapping[str, float]
+    blocks: int  # Independent stretches of data
+    effects: tuple[str, ...] = ()  # Of the model
+    raised: bool  # What is left is not random: by findings, by the scores of effects, or by a diagnosis
+    tracked: bool = False  # By findings: it varies with what was recorded
+    # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
+    stretch: tuple[float, float] | None = None
+    doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
+    verdict: Verdict | None = None  # Of a diagnosis; None where there was none
+    family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
+    share: float = math.nan  # Of the misfit, that any of them, or else a law, explains at the most
+    leaves: bool = False  # The best of them leaves much of an error, beyond the noise
+    closest: str = ""  # Where the alarm is silent: an effect that explains most, by chance or not
+    together: tuple[str, ...] = ()  # Two that belong together
+    together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
+    law: str = ""  # What follows which driver, where no effect explains what is left
+    draft: str = ""  # File of that law, if it was written
+    refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
+    ended: bool = False  # --until-quiet found nothing more to add
+    unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
+    small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
+    drive: str = ""  # What would tell the best of the family from another, as a command to a person
+    checks: tuple[str, ...] = ()  # Of sensors, where no drive tells the best of the family from another
+    points: bool = False  # The data are steady test points, not drives
+    unsorted: bool = False  # Rows of a table are not in the order of time
+    soils: int = 0  # Of the comparison, of all wheels
+    wheels: int = 1
+    changes: tuple[str, ...] = ()  # Where one of these ends and another begins, though no label says so
+    needed: bool = False  # No effect on fewer soils predicts as well
+    instead: str = ""  # By a first check: what on fewer soils predicts as well
+    fewer: int = 0  # Soils on which the ratios are, where the comparison has more and fits
+    impossible: tuple[str, ...] = ()  # Properties of the fitted soil that no soil has, in words
+    noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
+
+    @classmethod
+    def of_comparison(cls, comparison: Comparison, refused: tuple[str, ...] = ()) -> Evidence:
+        """Collect what a comparison tells: its errors, its findings, and the scores of effects."""
+        scores = comparison.scores() if comparison.scores else None
+        tracked = any(_large(comparison, one) for one in comparison.failures)
+        return cls(
+            ratios=over_noise(comparison),
+            effects=tuple(comparison.model["effects"]),
+            blocks=comparison.blocks,
+            raised=tracked or (scores is not None and scores.raised),
+            tracked=tracked,
+            stretch=comparison.stretch,
+            doubted=_doubted(comparison, settled=bool(scores and scores.settles)),
+            refused=tuple(dict.fromkeys((*comparison.refused.names, *refused))),
+            ended=comparison.refused.ended,
+            unrecorded=scores.unrecorded if scores else (),
+            points=comparison.points,
+            unsorted=comparison.unsorted,
+            soils=comparison.soil_count,
+            wheels=len(comparison.wheels),
+            changes=tuple(comparison.soil_changes),
+            impossible=comparison.impossible,
+            needed=scores is not None and scores.instead is None,
+            instead=scores.instead or "" if scores else "",
+        )
+
+    @classmethod
+    def of_diagnosis(cls, found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:
+        """Collect what a diagnosis tells."""
+        law = found.unknown if found.verdict == "unknown" else None
+        # What is doubted explains nothing, unless all that is left is doubted.
+        doubted = {one.effect for one in found.candidates if one.doubt}
+        family = tuple(name for name in found.family if name not in doubted) or found.family
+        first = next((one for one in found.candidates if one.effect in family[:1]), None)
+        credible = [one for one in found.candidates if not one.doubt]
+        # Where several soils stand for an effect, their errors are those of noise.
+        fewer = found.soils < found.comparison.soil_count
+        hidden = found.alarm.raised and fewer and not above_noise(over_noise(found.comparison))
+        errors = found.heldout if hidden else {}
+        noise = noise_with(found.comparison, first.noise if first is not None else {}, errors)
+        ratios = over_noise(found.comparison, errors, noise)
+        passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
+        passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
+        leaves = first is not None and leaves_much(found.comparison, found.heldout, first)
+        settled = first is not None and first.settles and not leaves
+        likely = [(one.explained, one.effect) for one in credible if one.explained > criteria.STEPS_SHARE]
+        taken = [one.explained for one in found.candidates if one.effect in family]
+        # Nor is a drive worth while that only tells what explains it from what does not.
+        drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
+        return cls(
+            ratios=ratios,
+            effects=tuple(found.comparison.model["effects"]),
+            noise_with=f"{listed(passed)} as estimated with {first.effect}" if first and passed else "",
+            blocks=found.comparison.blocks,
+            raised=found.alarm.raised,
+            tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
+            stretch=found.comparison.stretch,
+            doubted=_doubted(found.comparison, settled=settled),
+            verdict=found.verdict,
+            family=family,
+            share=max(taken, default=law.explained if law and not law.begins else math.nan),
+            leaves=leaves,
+            closest=max(likely)[1] if likely else "",
+            together=found.together,
+            together_or=found.together_or,
+            law=law.law if law else "",
+            draft=draft if law else "",
+            refused=tuple(dict.fromkeys((*found.comparison.refused.names, *refused))),
+            ended=found.comparison.refused.ended,
+            unrecorded=found.unrecorded,
+            small=found.alarm.size if found.alarm.small else "",
+            drive=next((one.manoeuvre for one in drives if one.settings), ""),
+            # Of a pair it may be several.
+            checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
+            points=found.comparison.points,
+            unsorted=found.comparison.unsorted,
+            soils=found.comparison.soil_count,
+            wheels=len(found.comparison.wheels),
+            changes=tuple(found.comparison.soil_changes),
+            impossible=found.comparison.impossible,
+            needed=not fewer,
+            fewer=found.soils if hidden else 0,
+        )
+
+    @property
+    def above(self) -> dict[str, float]:
+        """The ratios that are more than those of noise, and of test points than chance gives."""
+        # B pairs of points tell an error with a relative variance of 1/(4 B), and their noise with 1/(2 B).
+        chance = math.exp(criteria.BETTER * math.sqrt(0.75 / max(self.blocks, 1))) if self.points else 1.0
+        return above_noise({name: ratio for name, ratio in self.ratios.items() if ratio > chance})
+
+    @property
+    def misses(self) -> bool:
+        """Whether an error is larger than noise."""
+        return bool(self.above)
+
+    @property
+    def like_a_soil(self) -> list[str]:
+        """Which errors that the model does not have the soil takes up nearly whole, without drawbar pull."""
+        if "torque" not in self.ratios or "drawbar pull" in self.ratios:
+            return []
+        return [what for effect, what in _LIKE_A_SOIL.items() if effect not in self.effects]
+
+    @property
+    def fit_beside_pull(self) -> list[str]:
+        """The other channels, where the drawbar pull alone is missed.
+
+        Of a misfit that they share in part, as where a torque is cut off, the pull may only show most.
+        """
+        most = criteria.DRAFT_LEFT * (self.ratios.get("drawbar pull", math.nan) - 1.0)
+        others = {name: ratio for name, ratio in self.ratios.items() if name != "drawbar pull"}
+        alone = [*self.above] == ["drawbar pull"]
+        alone = alone and all(ratio - 1.0 <= most for ratio in others.values())
+        return [*others] if alone else []
+
+
+def _doubted(comparison: Comparison, *, settled: bool) -> tuple[str, ...]:
+    """Return what is doubted; if `settled` no more of how torque and pull change together."""
+    of_pull = ("torque", "drawbar pull", "motor current")
+    return tuple(one for one in comparison.doubted if not (settled and one.endswith(of_pull)))
+
+
+def _large(comparison: Comparison, finding: Finding) -> bool:
+    """Tell whether a finding is, from end to end, a share of its channel that is worth an alarm."""
+    errors = comparison.channels[finding.channel]
+    size = errors.rmse / errors.nrmse if errors.nrmse > 0.0 else 0.0
+    return not abs(finding.amplitude) < criteria.SMALLEST_SHARE * size
