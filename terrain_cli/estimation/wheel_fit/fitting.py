@@ -202,7 +202,8 @@ def fit(
         share = missed_share(data, left) if correlated else np.zeros(len(data.windows))
         at = problem, data, found.t, found.common
         moved, usual = missing_effects.moved(*at, result, suspects)
-        result = replace(result, follows=missing_effects.following(*at, result), moved=moved)
+        follows, wandering = missing_effects.following(*at, result)
+        result, usual = replace(result, follows=follows, moved=moved), usual + wandering
         wrong = np.where(result.missed | result.moved, share, 0.0)
         if wrong.any() or usual.any():
             found = with_model_error(found, sought.local, wrong, usual)

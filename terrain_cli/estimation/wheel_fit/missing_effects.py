@@ -89,19 +89,22 @@ def moved(
     return np.asarray(shows.any(axis=(0, 2))), np.einsum("wpm,m,wqm->wpq", of.gain, mean_square, of.gain)
 
 
-def following(problem: Problem, data: FitData, t: Array, common: Array, found: Fit) -> Mask:
+def following(
+    problem: Problem, data: FitData, t: Array, common: Array, found: Fit
+) -> tuple[Mask, Array]:
     """Tell in which windows residuals of a channel follow load, sinkage or slip, or their past, shape (w,).
 
     With the right model they do not, however long the sensors' noise lasts: the true values of the inputs
     that were found are independent of what is left. Of windows that `found` does not miss anyway. Or
-    whether c, φ or strength may be off by more than its error as a channel wanders in time.
+    whether c, φ or strength may be off by more than its error as a channel wanders in time. Also return what
+    channels and soil that may wander add to the covariance of `t`, shape (w, p, p).
     """
-    follows = np.zeros(len(t), dtype=bool)
+    follows, covariance = np.zeros(len(t), dtype=bool), np.zeros((*t.shape, t.shape[1]))
     windows = np.flatnonzero(np.isin(found.status, STRENGTH_HOLDS))
     # Of very many windows every so many stand for the others.
     windows = windows[:: max(-(-int(data.count[windows].sum()) // _MOST), 1)]
     if not found.second or not len(windows):
-        return follows
+        return follows, covariance
     data = data.only(windows)
     latent = data.given.copy()
     parts: list[Equations] = []
@@ -109,8 +112,11 @@ def following(problem: Problem, data: FitData, t: Array, common: Array, found: F
         each = (lambda _, __, one: parts.append(one)) if step == _STEPS else None
         accumulate(problem, data, t[windows], common, latent, order=_ORDER, each=each)
     ways = _in_errors(found, problem.unknowns.local)[:, windows]
-    for moves in wandering(parts, data, t[windows], found.second):
-        follows[windows] |= (np.abs(np.einsum("kwp,wp->kw", ways, moves)) > _WANDERS_FAR).any(axis=0)
+    for one in wandering(parts, data, t[windows], problem.unknowns.local, found.second):
+        covariance[windows] += one.covariance
+        if one.moves is not None:
+            far = np.abs(np.einsum("kwp,wp->kw", ways, one.moves)) > _WANDERS_FAR
+            follows[windows] |= far.any(axis=0)
     predictors = _predictors(latent, data.bounds, found.second)
     for residual in _centred(np.concatenate([one.residual for one in parts], axis=1), data.bounds):
         left, predicted = _held_out(residual, predictors)
@@ -122,7 +128,7 @@ def following(problem: Problem, data: FitData, t: Array, common: Array, found: F
         shares = 1.0 - np.sum((left - predicted) ** 2, axis=0) / power.sum()
         if shares[0] > max(_FOLLOWS, shares[1:].max()):
             follows[windows] |= over < (1.0 - _FOLLOWS) * power
-    return follows
+    return follows, covariance
 
 
 def _predictors(inputs: Array, bounds: Bounds, second: float) -> Array:
