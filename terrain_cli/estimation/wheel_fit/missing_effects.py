@@ -41,10 +41,10 @@ _SHOWS, _FAR = 4.0, 1.0
 _WANDERS_FAR = 0.5
 #: Samples of all windows together that are tested, and of each window at the least; nodes on each arc.
 _SAMPLES, _EACH, _ORDER = 2_000, 6, 6
-#: Probability before any data that there is an effect which need not show. Any drivetrain has friction, of which
-#: some logs are corrected. Of 51 rows `ok` without drawbar pull under a friction of 2, 5 and 10 % of the torque
-#: (other vehicles and soils, by other code), 12 are off by more than three errors; with 0.1, 0.3 and 0.5 it is
-#: 2, 1 and 0, and the strength's error of 36 rows with no friction grows by 1, 3 and 8 % (median).
+#: Probability before any data that there is an effect which need not show: all drivetrains have friction,
+#: and some logs are corrected for it. Of 51 rows `ok` without drawbar pull under a friction of 2, 5 and 10 %
+#: of the torque (vehicles, soils and code of their own) 12 are off by more than three errors; with 0.1, 0.3
+#: and 0.5 2, 1 and 0 are, and the strength's error of 36 clean rows grows by 1, 3 and 11 % (median).
 _USUAL = {"drivetrain-friction.Tc": 0.3}
 _CERTAIN = 50.0  # Logarithm of odds that leave no doubt
 _STEPS = 3  # Steps in which the true values of the inputs come to rest
@@ -67,9 +67,9 @@ def moved(
     """Tell in which windows an effect shows that would move c, φ or strength by more than its error.
 
     Fitted were `t`, shape (w, p), and `common`, shape (q,), which `found` has in their own units. Shape (w,).
-    Also return what effects that are usual, but do not show, may add to the covariance of `t` (w, p, p): their
-    probability (of models one of which has it; Hoeting et al. 1999, Statistical Science 14, 382) times the
-    mean square of what they move it by.
+    Also return what effects that are usual, but need not show, add to the covariance of `t`, shape (w, p, p):
+    the mean square of what they move it by, times their probability (Bayesian model averaging; Hoeting et al.
+    1999, Statistical Science 14, 382).
     """
     if not effects or not np.isin(found.status, STRENGTH_HOLDS).any():
         return np.zeros(len(t), dtype=bool), np.zeros((*t.shape, t.shape[1]))
@@ -89,9 +89,7 @@ def moved(
     return np.asarray(shows.any(axis=(0, 2))), np.einsum("wpm,m,wqm->wpq", of.gain, mean_square, of.gain)
 
 
-def following(
-    problem: Problem, data: FitData, t: Array, common: Array, found: Fit
-) -> tuple[Mask, Array]:
+def following(problem: Problem, data: FitData, t: Array, common: Array, found: Fit) -> tuple[Mask, Array]:
     """Tell in which windows residuals of a channel follow load, sinkage or slip, or their past, shape (w,).
 
     With the right model they do not, however long the sensors' noise lasts: the true values of the inputs
@@ -189,9 +187,7 @@ class Scores(NamedTuple):
     moves: Array  # Shape (w, p, m): by how much it would move them
 
 
-def scores(
-    problem: Problem, data: FitData, t: Array, common: Array, effects: Sequence[Effect]
-) -> Scores:
+def scores(problem: Problem, data: FitData, t: Array, common: Array, effects: Sequence[Effect]) -> Scores:
     """Score each parameter of some effects at its null."""
     model = replace(problem.model, effects=(*problem.model.effects, *effects))
     under = mean_load(data.channels), problem.wheel.radius

@@ -35,7 +35,9 @@ _WAVES, _LASTS, _SAMPLES = 8, 5.0, 20
 _RARELY = 1e-3
 #: Share of a wave that the fit leaves, below which it tells nothing.
 _LEFT = 1e-3
-#: Probability before any data that something wanders, and by which shares of its size. Judged.
+#: Probability before any data that something wanders, and by which shares of its size. Judged; of 35 rows
+#: `ok` on soil whose c or φ changes along the drive 12 are off by more than three errors without it, and 3
+#: of 33 with it (code, vehicles and soils of their own); of 50 clean drives the 45 `ok` stay.
 _WANDERS, _SHARES = 0.3, 0.002 * 2.0 ** np.arange(7.0)
 _STRESS = 10e3  # Pa; typical of wheels of rovers
 
@@ -102,7 +104,9 @@ class _Both(NamedTuple):
     information: Array  # Shape (w, p + m, p + m)
     own: Array  # Shape (w, p, p): covariance of their own unknowns alone
     gain: Array  # Shape (w, p, m): change of these with what is added
-    left: Array  # Shape (w, m, m) and (w, m): information on what is added, and its score, all else fitted anew
+    left: (
+        Array  # Shape (w, m, m) and (w, m): information on what is added, and its score, all else fitted anew
+    )
     score: Array
 
     @classmethod
