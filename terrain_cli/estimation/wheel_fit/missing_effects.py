@@ -177,7 +177,7 @@ def _in_errors(found: Parameters, local: Sequence[Unknown]) -> Array:
     return np.where(np.isfinite(ways), ways, 0.0)
 
 
-class Scores(NamedTuple):
+class ScoredEffects(NamedTuple):
     """What residuals say of parameters of effects that a model lacks, each alone; shape (m,) unless said."""
 
     names: tuple[str, ...]
@@ -187,7 +187,9 @@ class Scores(NamedTuple):
     moves: Array  # Shape (w, p, m): by how much it would move them
 
 
-def scores(problem: Problem, data: FitData, t: Array, common: Array, effects: Sequence[Effect]) -> Scores:
+def scores(
+    problem: Problem, data: FitData, t: Array, common: Array, effects: Sequence[Effect]
+) -> ScoredEffects:
     """Score each parameter of some effects at its null."""
     model = replace(problem.model, effects=(*problem.model.effects, *effects))
     under = mean_load(data.channels), problem.wheel.radius
@@ -224,7 +226,7 @@ def scores(problem: Problem, data: FitData, t: Array, common: Array, effects: Se
     # Chance is in what the effect leaves of its score.
     rest = np.einsum("amn,amn->mn", shown, residual[:, None] - size[:, None] * shown)
     lasting = memory(rest, data.bounds, together=True)[:, 0]
-    return Scores(
+    return ScoredEffects(
         names=tuple(one.name for one in added),
         score=score / np.sqrt(information * lasting),
         known=(information - 1.0) / lasting,
