@@ -4,6 +4,9 @@ Zeros of sensors drift, motors warm, and soils change little by little. Of each 
 residuals are tested in every window for slow waves in time, all of them together (Rao 1948; see
 `missing_effects`), when all that was fitted is fitted anew. What is constant in a window its soil takes up,
 and no residual tells: it is as likely to be as large as the waves that show.
+
+Waves of an output, or of c and tan φ, that need not show add to the covariance of what was fitted: by the
+mean square that the data leave them, times their probability.
 """
 
 from __future__ import annotations
