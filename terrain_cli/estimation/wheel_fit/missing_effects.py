@@ -43,8 +43,8 @@ _WANDERS_FAR = 0.5
 _SAMPLES, _EACH, _ORDER = 2_000, 6, 6
 #: Probability before any data that there is an effect which need not show: all drivetrains have friction,
 #: and some logs are corrected for it. Of 51 rows `ok` without drawbar pull under a friction of 2, 5 and 10 %
-#: of the torque (vehicles, soils and code of their own) 12 are off by more than three errors; with 0.1, 0.3
-#: and 0.5 2, 1 and 0 are, and the strength's error of 36 clean rows grows by 1, 3 and 11 % (median).
+#: of the torque (vehicles, soils and code of their own) 12 are off by more than three errors; with 0.1 and
+#: 0.3 2 and 1 are, and the strength's error of 36 clean rows grows by 1 and 3 % (6 and 17 % on average).
 _USUAL = {"drivetrain-friction.Tc": 0.3}
 _CERTAIN = 50.0  # Logarithm of odds that leave no doubt
 _STEPS = 3  # Steps in which the true values of the inputs come to rest
