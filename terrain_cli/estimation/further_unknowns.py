@@ -96,13 +96,14 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
         effect
         for effect in map(effects.find, effects.NAMES)
         if not effects.missing(effect, there)
-        and not _RELATED.intersection(effect.reads)
+        and not _RELATED.intersection((*effect.needs, *effect.any_of, *effect.uses))
         and not {"normal_stress", "shear_stress"}.intersection(effect.laws)
         and not any(parameter.shape for parameter in effect.parameters)
         and not effects.conflict(file.model, effect)
     ]
+    # Parameters of theirs that follow such channels stay at their null.
     further = effect_inputs.of_samples(samples, found)
-    return found, {name: column[windows.rows] for name, column in further.items()}
+    return found, {name: column[windows.rows] for name, column in further.items() if name not in _RELATED}
 
 
 def _constants(samples: Samples) -> set[str]:

@@ -1,7 +1,7 @@
 """From the channels of a wheel to its samples: what is missing, what is derived, what is judged."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -10,7 +10,7 @@ from formats import Source
 from formats.recovery import Notice
 from terrain_cli.effects import Effect
 from terrain_cli.errors import ConfigurationError, InputError
-from terrain_cli.rover import Rover, Wheel
+from terrain_cli.rover import Rover, SensorNoise, Wheel
 from terrain_cli.telemetry import (
     alignment,
     derived_channels,
@@ -138,6 +138,14 @@ def assemble(
     geometry = Geometry(radius, width, k, *grousers, gravity, factor)
     if not checked:
         _check_clock(source, raw, radius)
+    noise, remarks = dict(rover.noise), list(source.remarks)
+    stated = noise.get("torque", SensorNoise(known=False))
+    if "torque" not in raw.channels and "motor_current" in raw.channels and not stated.gain:
+        noise["torque"] = replace(stated, gain=derived_channels.CURRENT_GAIN)
+        remarks.append(
+            f"{the_wheel(raw.wheel)}: torque from a current: errors allow for a gain that is off by "
+            f"{derived_channels.CURRENT_GAIN:.0%}; torque = {{ gain = … }} in [noise] states another"
+        )
     origins = rover_advice.complete(raw, wheel, rover)
     if where is not None:
         # The other samples are as if they had never been recorded.
@@ -167,9 +175,9 @@ def assemble(
         distance=_distance(raw, gap),
         set_aside=reasons,
         origins=origins,
-        remarks=[*source.remarks, *raw.remarks],
+        remarks=[*remarks, *raw.remarks],
         drivers={**further, **drivers},
-        noise=rover.noise,
+        noise=noise,
     )
     if back := usable_samples.unsorted(reasons):
         told = f"time runs backwards in {back} of {len(samples)} samples: sort the rows by time"

@@ -17,6 +17,10 @@ STANDING = 1e-3  # rad/s. Below it a wheel stands, whatever its encoder's last d
 #: A wheel that is faster than this share of a speed that it seldom exceeds drives, however noisy its encoder
 #: is; that speed is a quantile, on which no spike has weight. Judged.
 _SLOW, _TYPICAL = 0.1, 0.9
+#: Standard deviation of the gain of a torque from a current, where rover.toml tells none. Torque constants
+#: are within 10 % of the data sheet (HIWIN, torque motors TM-2108, section 8.1), and a gear at part of its
+#: load loses up to 10 % more than at its rated one (Harmonic Drive 1021387, section 4.4).
+CURRENT_GAIN = 0.1
 #: Standard deviations that no sample of a standing wheel exceeds: one of 16,000 of normal noise.
 _NOISE = 4.0
 _BLOCK = 8192

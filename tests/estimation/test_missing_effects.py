@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,6 +20,7 @@ ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
 HIDDEN = {
     "load-bias": {"gain": 0.95, "offset": 8.0},
     "drawbar-bias": {"offset": 2.5},
+    "drivetrain-friction": {"Tc": 0.5},
     "sinkage-bias": {"offset": 0.0025},
     "wheel-radius": {"relative_error": 0.05},
 }
@@ -70,16 +72,16 @@ def scored(monkeypatch, hidden, effects, **fixed):
 
     def moved(problem, data, t, common, found, suspects):
         kept["scores"] = missing_effects.scores(problem, data, t, common, suspects)
-        return np.zeros(len(t), dtype=bool)
+        return np.zeros(len(t), dtype=bool), np.zeros((*t.shape, t.shape[1]))
 
     monkeypatch.setattr(missing_effects, "moved", moved)
     table = columns(hidden)
     n = len(table["time"])
     geometry = WheelGeometry(WHEEL.radius, WHEEL.width)
     found = fit(Model(), geometry, table, [0, n], fixed=fixed, suspects=[find(one) for one in effects])
-    names = [f"{one}.{parameter.name}" for one in effects for parameter in find(one).parameters]
-    score, moves = kept["scores"]
-    return dict(zip(names, score, strict=True)), dict(zip(names, moves[0, :2].T, strict=True)), found
+    of = kept["scores"]
+    moves = dict(zip(of.names, of.moves[0, :2].T, strict=True))
+    return dict(zip(of.names, of.score, strict=True)), moves, found
 
 
 def test_scores_are_small_where_nothing_is_missing(monkeypatch):
@@ -226,3 +228,48 @@ def test_a_model_that_fits_is_off_by_noise_alone():
     one, other = (fit(Model(), geometry, table, [0, len(table["time"])], suspects=s) for s in (None, []))
     assert not other.missed[0]
     np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+def test_errors_allow_for_a_friction_that_does_not_show():
+    geometry, suspects = WheelGeometry(WHEEL.radius, WHEEL.width), [find("drivetrain-friction")]
+
+    def fits(share):
+        table = {name: column for name, column in columns().items() if name != "drawbar_pull"}
+        table["torque"] = table["torque"] + share * table["torque"].mean()
+        bounds = [0, len(table["time"])]
+        return [fit(Model(), geometry, table, bounds, suspects=these) for these in ([], suspects)]
+
+    (plain, clean), (without, found) = fits(0.0), fits(0.03)
+    assert not found.moved[0]
+    shift = without.values["cohesion"][0] - plain.values["cohesion"][0]
+    assert shift > 2.5 * without.errors["cohesion"][0]
+    assert shift < 1.96 * found.errors["cohesion"][0]
+    # Where nothing speaks for it, hardly.
+    assert 1.0 < clean.errors["cohesion"][0] / plain.errors["cohesion"][0] < 1.1
+    # It is the same in all windows: pooled, it does not average out.
+    (whole, assumed), (narrow, _) = covariance(found), covariance(without)
+    assert assumed[0, 0] >= 0.99 * (whole - narrow)[0, 0]
+
+
+@pytest.mark.parametrize(("ends", "wider"), [((1e3, 1e3), (1.0, 1.02)), ((700.0, 1300.0), (1.2, 2.0))])
+def test_errors_allow_for_soil_that_changes_little_by_little(ends, wider):
+    pieces, length, seed = 40, 4.2, 3
+    places = (np.arange(pieces) + 0.5) / pieces
+    soils = [replace(DRY_SAND, cohesion=np.interp(at, (0.0, 1.0), ends)) for at in places]
+    soils = [(base_contact(soil), length * (piece + 1) / pieces) for piece, soil in enumerate(soils)]
+    track = Track("wheel", soils, undulation(60.0, 0.25, 7.0, seed), undulation(0.3, 0.8, 9.0, seed + 1))
+    sensors = dict.fromkeys(("load", "torque", "sinkage", "slip"), Sensor(relative=0.02))
+    drive = Drive(
+        [track],
+        WHEEL,
+        undulation(0.07, 0.2, 11.0, seed),
+        rate=10.0,
+        sensors={**sensors, "drawbar_pull": Sensor(absolute=0.3)},
+        channels=(*CHANNELS, "slip", "drawbar_pull"),
+        seed=seed,
+    )
+    table = simulate(drive).wheels["wheel"].aligned()
+    n = len(table["time"])
+    given = Model(), WheelGeometry(WHEEL.radius, WHEEL.width), table, [0, n // 3, 2 * n // 3, n]
+    plain, found = (fit(*given, suspects=suspects, second=10.0) for suspects in (None, []))
+    assert wider[0] <= found.errors["tan_phi"][2] / plain.errors["tan_phi"][2] <= wider[1]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import terrain_cli as terrain
 from terrain_cli.rover.vehicle import Motor
 from terrain_cli.telemetry import derived_channels
 
@@ -156,3 +157,21 @@ def test_distance_of_a_constant_speed_is_speed_times_time(velocity):
         derived_channels.distance_from_velocity(time, steady), abs(velocity[0]) * time, rtol=1e-9, atol=1e-12
     )
     assert np.all(np.diff(derived_channels.distance_from_velocity(time, velocity)) >= 0.0)
+
+
+@pytest.mark.parametrize(
+    ("column", "stated", "gain"),
+    [("motor_current", "", 0.1), ("motor_current", ", gain = 0.03", 0.03), ("torque", "", 0.0)],
+)
+def test_the_gain_of_a_torque_from_a_current_is_known_to_a_tenth(rover_of, column, stated, gain):
+    import pandas as pd
+
+    rover = rover_of(
+        "[wheel]\nradius = 0.1\nwidth = 0.1\n[soil]\nshear_modulus = 0.02\n[motor]\ntorque_constant = 1.0\n"
+        f"[noise]\ntorque = {{ relative = 0.02{stated} }}\n"
+    )
+    table = pd.DataFrame({"time": np.arange(9.0), "load": 50.0, "sinkage": 0.01, "slip": 0.3, column: 2.0})
+    (samples,) = terrain.from_frame(table, rover)
+    assert samples.noise["torque"].gain == gain
+    assert samples.noise["torque"].relative == 0.02
+    assert any("torque from a current" in remark for remark in samples.remarks) == (gain == 0.1)

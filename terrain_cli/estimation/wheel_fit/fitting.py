@@ -201,14 +201,12 @@ def fit(
         # Neighbouring test points tell of no misfit that lasts.
         share = missed_share(data, left) if correlated else np.zeros(len(data.windows))
         at = problem, data, found.t, found.common
-        result = replace(
-            result,
-            follows=missing_effects.following(*at, result),
-            moved=missing_effects.moved(*at, result, suspects),
-        )
+        moved, usual = missing_effects.moved(*at, result, suspects)
+        follows, wandering = missing_effects.following(*at, result)
+        result, usual = replace(result, follows=follows, moved=moved), usual + wandering
         wrong = np.where(result.missed | result.moved, share, 0.0)
-        if wrong.any():
-            found = with_model_error(found, sought.local, wrong)
+        if wrong.any() or usual.any():
+            found = with_model_error(found, sought.local, wrong, usual)
             about = parameters((*model.soil, *local), sought, found, filled, spread)
             result = replace(result, **{f.name: getattr(about, f.name) for f in fields(about)})
     return replace(result, grids=valley.grids(problem, data, found, about, joint, order))

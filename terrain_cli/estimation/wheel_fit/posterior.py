@@ -164,8 +164,10 @@ def posterior(
     )
 
 
-def with_model_error(found: Posterior, local: Sequence[Unknown], share: Array) -> Posterior:
+def with_model_error(found: Posterior, local: Sequence[Unknown], share: Array, usual: Array) -> Posterior:
     """Add that a model which misses a share of the torque, shape (w,), may be off by as much in strength.
+
+    And by what effects that do not show add to the covariance, `usual`, shape (w, p, p).
 
     However many samples there are, they do not tell the part of a misfit that c and tan φ take up: it is as
     likely to be as large as what they leave (model discrepancy; Kennedy & O'Hagan 2001, Journal of the Royal
@@ -187,7 +189,7 @@ def with_model_error(found: Posterior, local: Sequence[Unknown], share: Array) -
     variance = np.einsum("wa,wab,wb->w", along, covariance, along)
     times = (share * strength) ** 2 / variance
     both = np.isin(np.arange(len(names)), places)
-    own = found.own * (1.0 + times[:, None, None] * np.outer(both, both))
+    own = found.own * (1.0 + times[:, None, None] * np.outer(both, both)) + usual
     own, t = no_wider(own, found.t)
     return replace(found, own=own, t=t, by_model=own - found.own)
 
