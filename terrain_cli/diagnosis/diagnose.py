@@ -10,7 +10,7 @@ from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
 from terrain_cli.diagnosis.candidates import as_it_is, table_of
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog, scores, soils
-from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis, hardly_explain, leaves_much
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis, leaves_much
 from terrain_cli.diagnosis.refits import Refit
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.effects import Effect
@@ -68,20 +68,10 @@ def diagnose(
     )
     listed = table_of(ranked.log, ranked.base, ranked.several, decision.family, ranked.first_anew)
     heldout = as_it_is(ranked.log)
-    if decision.verdict == "effect" and leaves_much(log.comparison, heldout, listed[0]):
-        # As much is left for another effect, which may be all there is.
-        decision = replace(decision, verdict="family")
-    rivals = {"family": family.open, "on_full_stresses": full}.get(decision.rivals, [])
-    if decision.together:
-        # Beside two that explain it, what hardly lowers an error alone is no cause to be told from others.
-        idle = hardly_explain(listed) - {*decision.together}
-        left = tuple(name for name in decision.family if name not in idle)
-        decision = replace(decision, family=left or decision.family)
-        listed = [replace(one, in_family=one.effect in decision.family) for one in listed]
-        rivals = [pair for pair in rivals if pair[0].id not in idle]
-    doubted = {one.effect for one in listed if one.doubt}
-    # No drive is worth while that only rules out what is not to be believed.
-    rivals = [pair for pair in rivals if pair[0].id not in doubted] or rivals
+    leaves = decision.effect is not None and leaves_much(log.comparison, heldout, listed[0])
+    decision = verdict.weighed(decision, listed, leaves=leaves)
+    listed = [replace(one, in_family=one.effect in decision.family) for one in listed]
+    members = {"family": family.open, "on_full_stresses": full}.get(decision.rivals, [])
     if decision.verdict == "unknown" and law is not None:
         changed: Collection[str] = [law.channel]
     else:
@@ -96,7 +86,7 @@ def diagnose(
         family=decision.family,
         candidates=listed,
         unknown=law if decision.tells_law else None,
-        next_drive=steps.next_drives(case, ranked, rivals),
+        next_drive=steps.next_drives(case, ranked, steps.rivals(decision, members, listed)),
         together=decision.together,
         together_or=two.rivals if decision.together == two.ids else (),
         heldout=heldout,

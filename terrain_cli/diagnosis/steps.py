@@ -25,14 +25,17 @@ from terrain_cli.diagnosis.candidates import Fitted, as_it_is, held_out_errors
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
 from terrain_cli.diagnosis.diagnosis_outcome import (
     Alarm,
+    Candidate,
     Hypothesis,
     NextDrive,
     UnknownEffect,
     above_noise,
+    hardly_explain,
     over_noise,
     share_taken,
 )
 from terrain_cli.diagnosis.refits import Ground, Refit
+from terrain_cli.diagnosis.verdict import Decision
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,6 +308,14 @@ def on_full_stresses(case: Case, ranked: Ranked, two: Two) -> list[Fitted]:
     if not better or not all(refit_ranking.as_good(first, one) for one in further):
         return []
     return [(one, refit) for one, refit in tried if refit_ranking.as_good(refit, first)]
+
+
+def rivals(decision: Decision, members: Sequence[Fitted], listed: Sequence[Candidate]) -> list[Fitted]:
+    """Return what a further drive has to tell apart: no drive is worth while to rule out what is no cause."""
+    idle = hardly_explain(listed) - {*decision.together} if decision.together else set()
+    doubted = {one.effect for one in listed if one.doubt}
+    left = [pair for pair in members if pair[0].id not in idle]
+    return [pair for pair in left if pair[0].id not in doubted] or left
 
 
 def next_drives(case: Case, ranked: Ranked, members: Sequence[Fitted]) -> list[NextDrive]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from terrain_cli.comparison import Finding, comparison_criteria
 from terrain_cli.comparison.findings import missed
@@ -68,6 +68,18 @@ def decide(
     if law_alone:
         return Decision(verdict="unknown", family=(), rivals="")
     return Decision(verdict="effect" if earned else "family", family=family)
+
+
+def weighed(decision: Decision, listed: Sequence[Candidate], *, leaves: bool) -> Decision:
+    """Weigh a decision by the errors that are printed, of which the first one listed may leave much."""
+    if decision.verdict == "effect" and leaves:
+        # As much is left for another effect, which may be all there is.
+        return replace(decision, verdict="family")
+    if not decision.together:
+        return decision
+    # Beside two that explain it, what hardly lowers an error alone is no cause.
+    idle = hardly_explain(listed) - {*decision.together}
+    return replace(decision, family=tuple(n for n in decision.family if n not in idle) or decision.family)
 
 
 OFFER = "--draft FILE.toml writes the law."  # How a verdict ends where a law of its own was drafted
