@@ -98,7 +98,7 @@ def told_of(monkeypatch):
 
         def diagnose(wheels, file, *, effects, seed, progress):
             return SimpleNamespace(
-                comparison=change_trial.fitted(wheels, file),
+                comparison=change_trial.compared(wheels, file),
                 candidates=[],
                 heldout={},
                 soils=1,

@@ -12,13 +12,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import Asked, too_few
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import held_out_error
-from terrain_cli.improvement.improvement_outcome import (
-    ChannelChange,
-    Estimated,
-    Shift,
-    Step,
-    Stopped,
-)
+from terrain_cli.improvement.improvement_outcome import ChannelChange, Estimated, Shift, Step, Stopped
 from terrain_cli.improvement.model_history import Rung
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
@@ -165,10 +159,7 @@ def _change(step: Step) -> dict[str, Any]:
         "pays": step.pays if step.action == "add" else not step.costs,
         "kept": step.kept,
         "model": {"before": step.first.model, "after": step.second.model},
-        "data": model_history.data(step),
-        "channels": {one.name: model_history.channel(one) for one in step.channels},
-        "ratio": model_history.number(step.evidence.overall.value),
-        "ratio_interval": model_history.ends(step.evidence.overall),
+        **model_history.measured(step),
         "parameters": [
             asdict(one)
             | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
