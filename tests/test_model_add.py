@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from changed_models import DIGS, MODEL, ROVER, write_all
+from changed_models import DIGS, MODEL, ROVER
 
 from terrain_cli import models
 from terrain_cli.commands.model_changes import add
@@ -30,13 +30,6 @@ scale = 100.0
 """
 CUT = ("--segments", "none", "-q")
 LINE = 'format = "terrain-est/model/1"\nbase = "linear"  # the paper\n'
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory):
-    path = tmp_path_factory.mktemp("logs")
-    write_all(path)
-    return path
 
 
 def with_model(logs, path):

@@ -333,11 +333,11 @@ class _Drafts:
             with explained(str(name)):
                 name.mkdir(parents=True, exist_ok=True)
             name = name / f"{tomllib.loads(unknown.draft)['id']}.toml"
-        free = next(path for path in comparison_options.numbered(name) if not path.exists())
-        with formats.replacing(str(free)) as temporary:
+        name = comparison_options.free(name)
+        with formats.replacing(str(name)) as temporary:
             Path(temporary).write_text(unknown.draft, encoding="utf-8")
-        self.written.append(free)
-        return os.path.relpath(free, self.folder)
+        self.written.append(name)
+        return os.path.relpath(name, self.folder)
 
     def tidy(self, kept: tuple[str, ...]) -> None:
         """Remove the drafts that did not pay."""

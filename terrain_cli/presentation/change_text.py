@@ -26,25 +26,23 @@ _MOST_ROWS = 12  # Rows of a table that a person reads
 
 def verdict(step: Step) -> str:
     """Say what held-out data say of a change, and what became of it."""
-    what = listed(step.changed)
+    what = f"{listed(step.changed)} {'is' if len(step.changed) == 1 else 'are'}"
+    kept = f"{what} {'added all the same, as --keep asks' if step.kept else 'not added'}"
     if step.action == "remove":
-        return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
+        return f"{what} removed{', though it pays' if step.costs else ''}: {found(step)}"
     if step.pays and step.confirmation is not None:
         proof = step.confirmation
         where = f"{listed(list(proof.sources))}, which did not choose it"
         if proof.pays:
-            return f"{what} {_is(step)} added: {found(step)}; confirmed on {where}: {found(proof)}"
-        kept = "added all the same, as --keep asks" if step.kept else "not added"
-        return f"{what} {_is(step)} {kept}: {found(step)}, but not confirmed on {where}: {found(proof)}"
+            return f"{what} added: {found(step)}; confirmed on {where}: {found(proof)}"
+        return f"{kept}: {found(step)}, but not confirmed on {where}: {found(proof)}"
     if step.pays:
-        done = "added" if step.kept else "worth adding"
-        return f"{what} {_is(step)} {done}: {found(step)}"
-    kept = "added all the same, as --keep asks" if step.kept else "not added"
+        return f"{what} {'added' if step.kept else 'worth adding'}: {found(step)}"
     if step.better or (step.fell and step.evidence.overall.high < 1.0):
-        return f"{what} {_is(step)} {kept}: {found(step)}"
+        return f"{kept}: {found(step)}"
     uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
     partly = " overall" if step.fell else uncertain
-    return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
+    return f"the held-out error did not fall{partly}: {kept} ({found(step)})"
 
 
 def tried(step: Step) -> str:
@@ -135,10 +133,6 @@ def _moved_error(one: ChannelChange) -> str:
     what = quantities.quantity(one.name, one.unit)
     before, after = (quantities.number(v.value * what.factor) for v in (one.before, one.after))
     return f"{what.words} from {before} to {after} {what.unit}"
-
-
-def _is(step: Step) -> str:
-    return "is" if len(step.changed) == 1 else "are"
 
 
 def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:

@@ -112,9 +112,6 @@ class Chosen:
     values: Mapping[str, float] = field(default_factory=dict)  # Every parameter by its short name, SI
     hidden: bool = False  # Drawn at random, and told only in the truth
 
-    def qualified(self) -> dict[str, float]:
-        return {self.effect.qualified(p): self.values[p.name] for p in self.effect.parameters}
-
 
 #: Of the table [effects]: id or file → its parameters; names are not looked up here.
 effects_rule = toml_files.tables(toml_files.tables(toml_files.number("a number")))
@@ -304,4 +301,6 @@ class Scenario:
         return Model(self.base, tuple(chosen.effect for chosen in self.effects))
 
     def effect_values(self) -> dict[str, float]:
-        return {name: value for chosen in self.effects for name, value in chosen.qualified().items()}
+        return {
+            one.effect.qualified(p): one.values[p.name] for one in self.effects for p in one.effect.parameters
+        }

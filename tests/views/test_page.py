@@ -182,7 +182,6 @@ def test_charts_are_data_of_their_own(text):
             "datum.s == segment",
             "split(datum.s, ':')[0] == split(segment, ':')[0]",
             "datum.pivot",
-            "datum.alone",
         }
 
 

@@ -31,11 +31,7 @@ from terrain_cli.views.report.page_parts import Chart, Section, Table  # noqa: E
 __all__ = ["Chart", "Section", "Table", "history", "page", "write"]
 
 
-def write(
-    comparison: Comparison,
-    path: str | Path,
-    **options: Any,
-) -> None:
+def write(comparison: Comparison, path: str | Path, **options: Any) -> None:
     """Write the report of a comparison into a file; as `page`."""
     chart_style.need("report")
     text = page(comparison, **options)
