@@ -153,8 +153,7 @@ def command(context: click.Context, /, **_: Any) -> int:
 
     names = context.params["inputs"]
     found = batch_inputs.discover(names)
-    rover = options.load_rover(context.params["rover"], [item.location for item in found] or names)
-    options.with_defaults(context, rover.estimate)
+    rover = options.configured(context, [item.location for item in found] or names)
     given = context.params
     _check_kinds(given["also"])
     order = worker_tasks.Order(

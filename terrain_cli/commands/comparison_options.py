@@ -92,12 +92,8 @@ def read(
     from terrain_cli.windows import cut_windows
 
     paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
-    rover = options.load_rover(context.params["rover"], paths)
-    own = {option.lstrip("-") for parameter in context.command.params for option in parameter.opts}
     # What is compared is cut as `estimate` cuts it.
-    options.with_defaults(
-        context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
-    )
+    rover = options.configured(context, paths, but="model")
     given = context.params
     context.with_resource(processes.jobs(given["jobs"]))
     effects = {effect.id: effect for file in model for effect in file.model.effects}

@@ -315,15 +315,20 @@ def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:
     return rovers.load(rovers.find(path, inputs[0] if inputs else None))
 
 
-def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
-    """Let rover.toml give, by long options, what neither the command line nor the environment gives."""
-    named = False
+def configured(context: click.Context, logs: Sequence[str], *, but: str = "") -> Rover:
+    """Read the rover file, and let it give what neither the command line nor the environment gives.
+
+    Its table [estimate] has long names of options; what the command lacks is left out, and so is `but`.
+    """
+    found, named = load_rover(context.params["rover"], logs), False
     parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}
-    for name, value in settings.items():
-        parameter = parameters[name]
+    default = click.core.ParameterSource.DEFAULT
+    for name, value in found.estimate.items():
+        parameter = parameters.get(name)
         if (
-            parameter.name is None
-            or context.get_parameter_source(parameter.name) is not click.core.ParameterSource.DEFAULT
+            parameter is None
+            or name == but
+            or context.get_parameter_source(parameter.name or "") is not default
         ):
             continue
         given = [value] if parameter.multiple and not isinstance(value, list) else value
@@ -332,3 +337,4 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
     if named:
         paths.check(context)
     paths.check_others(context)
+    return found
