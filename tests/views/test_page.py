@@ -182,6 +182,7 @@ def test_charts_are_data_of_their_own(text):
             "datum.s == segment",
             "split(datum.s, ':')[0] == split(segment, ':')[0]",
             "datum.pivot",
+            "datum.alone",
         }
 
 

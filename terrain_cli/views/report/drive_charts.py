@@ -48,6 +48,7 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
         y=every[:, 1],
         s=key[number],
         o=np.concatenate([np.arange(n) for n in length]),
+        alone=np.repeat([n == 1 for n in length], length),
         v=np.asarray(values, dtype=float)[number],
         name=name[number],
     ).encode(
@@ -66,14 +67,16 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     colour = encoded(
         "v:Q", scale={"scheme": SCALE, "domain": ends}, legend={"title": label, "gradientLength": _MAP - 60}
     )
-    # A place that does not move is a dot: a line of no length with round ends.
-    lines = base.mark("line", strokeWidth=6, strokeCap="round").encode(color=colour).zoomed()
+    lines = base.mark("line", strokeWidth=6, strokeCap="butt").encode(color=colour).zoomed()
+    # Not filled: a legend for lines and for areas at once would be no gradient.
+    spots = base.mark("point", size=20, strokeWidth=5, filled=False).encode(color=colour)
+    spots = spots.where("datum.alone")
     # A rim, without which one end of the scale would be lost on a dark page.
-    rim = base.mark("line", strokeWidth=7.5, color=FAINT, strokeCap="round")
-    outline = base.mark("line", strokeWidth=11, color=CHOSEN, strokeCap="round").where("datum.s == segment")
+    rim = base.mark("line", strokeWidth=7.5, color=FAINT, strokeCap="butt")
+    outline = base.mark("line", strokeWidth=11, color=CHOSEN).where("datum.s == segment")
     shape = (up[1] - up[0]) * stretch / (across[1] - across[0])
     width, height = (_MAP, round(_MAP * shape)) if shape < 1.0 else (round(_MAP / shape), _MAP)
-    return sheet.finished([outline, rim, lines], height, width)
+    return sheet.finished([outline, rim, lines, *([spots] if 1 in length else [])], height, width)
 
 
 def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
