@@ -32,7 +32,7 @@ from hidden_drives import FULL, Kind, sized, windows_of  # noqa: E402 - as above
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.comparison import kept_aside  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
-from terrain_cli.improvement import tried  # noqa: E402 - as above
+from terrain_cli.improvement.change_trial import tried  # noqa: E402 - as above
 from terrain_cli.improvement.held_out_gain import weigh  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "kept_aside_study.txt"
