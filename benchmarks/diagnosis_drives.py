@@ -43,7 +43,7 @@ from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
 from terrain_cli.estimation.estimators import FitSettings  # noqa: E402 - as above
 from terrain_cli.improvement import Stopped, until_quiet  # noqa: E402 - as above
-from terrain_cli.improvement.change_trial import fitted  # noqa: E402 - as above
+from terrain_cli.improvement.change_trial import compared  # noqa: E402 - as above
 from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 
@@ -201,12 +201,12 @@ def _errors(comparison):
 def _after(wheels, found, name, seed):
     """Return these errors with an effect added, on the same blocks."""
     file = models.added(models.ModelFile(), [name], wheels[0].samples.geometry.shear_modulus).file
-    return _errors(fitted(wheels, file, like=found.comparison, seed=seed))
+    return _errors(compared(wheels, file, like=found.comparison, seed=seed))
 
 
 def _bare(job):
     """Return these errors of the same drive, with the same noise, where nothing is hidden."""
-    return _errors(fitted(_wheels(job, noise=job["noise"]), models.ModelFile(), seed=job["seed"]))
+    return _errors(compared(_wheels(job, noise=job["noise"]), models.ModelFile(), seed=job["seed"]))
 
 
 def _clean(job):
@@ -282,7 +282,7 @@ def _vehicles(job):
     if effect:
         bare = by_wheel(windows_of(job["seed"], replace(kind, effects={})), catalogue().values())
         noted["after"] = _after(wheels, found, effect, job["seed"])
-        noted["bare"] = _errors(fitted(bare, models.ModelFile(), seed=job["seed"]))
+        noted["bare"] = _errors(compared(bare, models.ModelFile(), seed=job["seed"]))
         noted["strength"] = strength(job["seed"], kind)
     return noted
 

@@ -116,6 +116,16 @@ def terrain_est_here():
     return run
 
 
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory):
+    """Return a folder of logs of which it is known what a model lacks, to be copied."""
+    from changed_models import write_all
+
+    path = tmp_path_factory.mktemp("logs")
+    write_all(path)
+    return path
+
+
 class FollowingProcess(subprocess.Popen):
     """A process whose output is read line by line while it goes on."""
 

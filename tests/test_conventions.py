@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pages
 import pytest
+from own_effects import CABLE
 
 from terrain_cli import models, rover
 from terrain_cli.errors import ConfigurationError
@@ -23,18 +24,6 @@ PAGE = pages.text_of("conventions.md")
 MODEL_PAGE = pages.text_of("wheel-model.md")
 FILE_PAGE = pages.text_of("model.md").partition("## The model file")[2]
 EXAMPLE = re.search(r"```toml\n(.*?)```", pages.text_of("rover.md"), re.DOTALL)[1]
-
-CABLE = """
-id = "cable-drag"
-title = "Umbilical drags on the carriage"
-changes = "drawbar_pull"
-law = "drawbar_pull - cd * abs(yaw_rate)"
-needs = ["yaw_rate"]
-[parameters.cd]
-unit = "N s/rad"
-null = 0.0
-scale = 10.0
-"""
 
 
 def table(heading, page=PAGE):

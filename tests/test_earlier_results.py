@@ -157,7 +157,7 @@ def test_pictures(here):
     drawn = {path.name for path in Path("drawn").iterdir()} - {"holiday.png"}
     assert drawn
     assert all(map(named_files.PICTURES.fullmatch, drawn))
-    assert not list(paths.PICTURES.of_others("drawn"))
+    assert all(sign.on(name) for name, sign in paths.PICTURES.signed("drawn"))
 
 
 @pytest.mark.parametrize("name", ["summary.json", "manifest.jsonl", "segments.parquet", "segments.gpkg"])

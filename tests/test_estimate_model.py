@@ -46,6 +46,7 @@ SOILS = [base_contact(DRY_SAND), base_contact(UPLAND_SANDY_LOAM)]
 NOISE = 0.01
 EFFECTS = {"slip-sinkage": {"n1": 0.4}, "drivetrain-friction": {"Tc": 0.5, "Bv": 0.0}}
 MODEL = 'format = "terrain-est/model/1"\nbase = "wong-reece"\n'
+FITTED = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
 
 
 def drive(effects=(), seed=1, seconds=15.0):
@@ -135,8 +136,7 @@ def test_parameters_of_effects_are_recovered(terrain_est_here, here, affected):
     write_csv(affected, here / "run.csv", terrain=True)
     new = ("--effect", "slip-sinkage", "--effect", "drivetrain-friction")
     assert terrain_est_here("model", "new", "model.toml", *new).returncode == 0
-    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    done = terrain_est_here("estimate", "run.csv", *options)
+    done = terrain_est_here("estimate", "run.csv", *FITTED)
     rows = table(done)
     model = by_wheel(summary())
     # The shape of the contact is sought whatever the effects.
@@ -161,8 +161,7 @@ def test_it_is_told_of_which_speed_c_and_phi_are(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv", terrain=True)
     new = ("--effect", "rate-dependence", "--effect", "drivetrain-friction")
     assert terrain_est_here("model", "new", "model.toml", *new).returncode == 0
-    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    told = terrain_est_here("estimate", "run.csv", *options).stderr
+    told = terrain_est_here("estimate", "run.csv", *FITTED).stderr
     law = "τ = τ0 (1 + β ln(V/V0)), V0 = 0.1 m/s: c and tan φ both by that factor"
     assert f"c and φ are as in the law of rate-dependence: {law}\n" in told
     # Friction of the drive leaves the strength as it is.
@@ -176,8 +175,7 @@ def test_held_parameters_are_as_they_were_given(terrain_est_here, here, affected
         "[fixed]\nshear_modulus = 0.018\nslip-sinkage.n1 = 0.4\n",
         "utf-8",
     )
-    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    rows = table(terrain_est_here("estimate", "run.csv", *options))
+    rows = table(terrain_est_here("estimate", "run.csv", *FITTED))
     np.testing.assert_allclose(rows["k_mm"], 18.0)
     parameters = by_wheel(summary())["parameters"]
     assert parameters["slip-sinkage.n1"] == {
@@ -228,8 +226,7 @@ def test_an_effect_of_the_user(terrain_est_here, here, affected):
     (here / "model.toml").write_text(
         MODEL + 'effects = ["slip-sinkage", "drag.toml"]\n[fixed]\nconstant-drag.w0 = 0.01\n', "utf-8"
     )
-    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    table(terrain_est_here("estimate", "run.csv", *options))
+    table(terrain_est_here("estimate", "run.csv", *FITTED))
     drag = by_wheel(summary())["parameters"]["constant-drag.drag"]
     assert drag["unit"] == "N cm"
     assert abs(drag["value"] - 50.0) < 3.0 * drag["se"] < 75.0
@@ -279,8 +276,7 @@ def test_effects_on_the_linear_base(terrain_est_here, here, affected):
     (here / "model.toml").write_text(
         MODEL.replace("wong-reece", "linear") + 'effects = ["drivetrain-friction"]\n', "utf-8"
     )
-    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    rows = table(terrain_est_here("estimate", "run.csv", *options))
+    rows = table(terrain_est_here("estimate", "run.csv", *FITTED))
     assert rows["method"].tolist() == ["linear"] * 2
     # k is assumed, as the other estimators of the linear model do.
     np.testing.assert_allclose(rows["k_mm"], 25.0)
@@ -315,16 +311,7 @@ def test_known_noise_is_used(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv", terrain=True)
     given = "".join(f"{name} = {{ relative = 0.01 }}\n" for name in ("load", "torque", "sinkage", "slip"))
     (here / "rover.toml").write_text(ROVER + f"[noise]\n{given}", "utf-8")
-    options = (
-        "estimate",
-        "run.csv",
-        "--segments",
-        "terrain",
-        "--method",
-        "wong-reece",
-        "--summary",
-        "s.json",
-    )
+    options = ("estimate", "run.csv", *FITTED[:2], "--method", "wong-reece", *FITTED[4:])
     table(terrain_est_here(*options))
     noise = by_wheel(summary())["noise"]
     assert noise["torque"] == {"relative": 0.01, "absolute": 0.0, "unit": "N m", "given": True}
@@ -351,17 +338,8 @@ def test_wild_samples_do_little_harm(terrain_est_here, here):
 
 def test_few_samples_are_told(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv")
-    options = (
-        "--method",
-        "wong-reece",
-        "--segments",
-        "fixed",
-        "--window-samples",
-        "4",
-        "--where",
-        "time < 2",
-    )
-    rows = table(terrain_est_here("estimate", "run.csv", *options))
+    options = ["--method", "wong-reece", "--segments", "fixed", "--window-samples", "4", "--where"]
+    rows = table(terrain_est_here("estimate", "run.csv", *options, "time < 2"))
     assert set(rows["status"]) == {"too-few-samples"}
 
 

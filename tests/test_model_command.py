@@ -5,20 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
+from own_effects import CABLE
 
 from terrain_cli import effects, models
-
-CABLE = """
-id = "cable-drag"
-title = "Umbilical drags on the carriage"
-changes = "drawbar_pull"
-law = "drawbar_pull - cd * abs(yaw_rate)"
-needs = ["yaw_rate"]
-[parameters.cd]
-unit = "N s/rad"
-null = 0.0
-scale = 10.0
-"""
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import re
 import shutil
 
 import pytest
-from changed_models import MODEL, write_all
+from changed_models import MODEL
 
 CUT = ("--segments", "none", "-q")
 #: Entries as the program writes them: an effect that pays, one added by hand, one that was removed again.
@@ -45,13 +45,6 @@ because = "asked for; in no channel did it change by more than chance and 2%"
 tested = true
 channels.torque = { unit = "N m", heldout_before = 0.17, heldout_after = 0.18, heldout_after_interval = [0.16, 900.0] }
 """  # noqa: E501 - as the program writes it
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory):
-    path = tmp_path_factory.mktemp("logs")
-    write_all(path)
-    return path
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from changed_models import DIGS, MODEL, write_all
+from changed_models import DIGS, MODEL
 from click.testing import CliRunner
 
 from terrain_cli import diagnosis, models
@@ -18,13 +18,6 @@ from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
 from terrain_cli.improvement import change_trial
 
 CUT = ("--segments", "none", "-q")
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory):
-    path = tmp_path_factory.mktemp("logs")
-    write_all(path)
-    return path
 
 
 @pytest.fixture(autouse=True)
@@ -98,7 +91,7 @@ def told_of(monkeypatch):
 
         def diagnose(wheels, file, *, effects, seed, progress):
             return SimpleNamespace(
-                comparison=change_trial.fitted(wheels, file),
+                comparison=change_trial.compared(wheels, file),
                 candidates=[],
                 heldout={},
                 soils=1,

@@ -5,19 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
+from own_effects import CABLE
 
-EFFECT = """\
-id = "cable-drag"
-title = "Umbilical drags on the carriage"
-changes = "drawbar_pull"
-law = "drawbar_pull - cd * abs(yaw_rate)"
-needs = ["yaw_rate"]
-[parameters.cd]
-unit = "N s/rad"
-null = 0.0
-scale = 10.0
-lower = 0.0
-"""
 SIZE = 60.0
 
 
@@ -33,7 +22,7 @@ def run(terrain_est_here):
 
 def test_from_file_to_parameter(tmp_path, run):
     effect, log, model = tmp_path / "cable-drag.toml", tmp_path / "run.bag", tmp_path / "model.toml"
-    effect.write_text(EFFECT)
+    effect.write_text(CABLE)
     assert "nothing is wrong" in run("effects", "check", effect)
     drive = ["--drive", "mixed", "--duration", "60", "--noise", "2%", "--seed", "5"]
     run("simulate", "-o", log, *drive, "--effect", f"{effect}:cd={SIZE}", "-q")

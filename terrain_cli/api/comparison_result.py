@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
@@ -18,9 +18,6 @@ from terrain_cli.models import ModelFile
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import escaped
 from terrain_cli.rover import Rover
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _CHANNELS = ("unit", "samples", "rmse", "bias", "nrmse", "noise", "heldout_rmse")
 _ENDS = ("heldout_low", "heldout_high")
@@ -108,32 +105,6 @@ class ComparisonResult(result_tables.Result):
     @property
     def _picture(self) -> result_tables.Picture:
         return self.against or self.found, "predicted-measured"
-
-    def plot(self, name: str = "predicted-measured") -> "Figure":
-        """Draw a picture of the (last) model.
-
-        Parameters
-        ----------
-        name : str
-            "predicted-measured", "residual-torque", "track-torque" (also of "drawbar-pull" and
-            "sinkage"), "strength", "rim-stress" or "convergence": a picture of
-            ``terrain-est compare --plot``.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Shown by a notebook; ``savefig`` writes it.
-
-        Raises
-        ------
-        UsageError
-            There is no such picture of these data.
-        ConfigurationError
-            matplotlib is not installed.
-        """
-        from terrain_cli.views import plots
-
-        return plots.draw(self._picture[0], name)
 
     def __str__(self) -> str:
         return escaped(comparison_text.text(self.found, self.against, self.moved))

@@ -32,12 +32,19 @@ class Result(ABC):
     @abstractmethod
     def _picture(self) -> Picture: ...
 
-    def plot(self) -> "Figure":
+    def plot(self, name: str = "") -> "Figure":
         """Draw the result.
 
-        Of `simulate` every channel against time, and where the soil changes under a wheel. Of `diagnose`
-        what each candidate explains of the misfit, and what it does to the held-out loss. Of `add_effect`
-        the held-out error after each change that the model remembers, and after this one.
+        Of `simulate` every channel against time, and where the soil changes under a wheel. Of `compare` what
+        the (last) model predicts against what was measured. Of `diagnose` what each candidate explains of the
+        misfit, and what it does to the held-out loss. Of `add_effect` the held-out error after each change
+        that the model remembers, and after this one.
+
+        Parameters
+        ----------
+        name : str
+            Of `compare` also "residual-torque", "track-torque" (both also of "drawbar-pull" and "sinkage"),
+            "strength", "rim-stress" or "convergence": a picture of ``terrain-est compare --plot``.
 
         Returns
         -------
@@ -47,13 +54,14 @@ class Result(ABC):
         Raises
         ------
         UsageError
-            There is nothing to draw, as no candidate was fitted.
+            There is no such picture of these data, or nothing to draw, as no candidate was fitted.
         ConfigurationError
             matplotlib is not installed.
         """
         from terrain_cli.views import plots
 
-        return plots.draw(*self._picture)
+        found, usual = self._picture
+        return plots.draw(found, name or usual)
 
     def to_json(self) -> str:
         """Return the text that the command prints with ``--json``, or ``simulate`` writes for ``--truth``.

@@ -153,8 +153,7 @@ def command(context: click.Context, /, **_: Any) -> int:
 
     names = context.params["inputs"]
     found = batch_inputs.discover(names)
-    rover = options.load_rover(context.params["rover"], [item.location for item in found] or names)
-    options.with_defaults(context, rover.estimate)
+    rover = options.configured(context, [item.location for item in found] or names)
     given = context.params
     _check_kinds(given["also"])
     order = worker_tasks.Order(
@@ -208,10 +207,8 @@ def _run(found: Sequence[Input], order: Order, given: dict[str, Any]) -> int:
         signal.signal(signal.SIGTERM, before)
         progress.close()
     if not given["quiet"]:
-        click.echo(_told(tally, progress.seconds), err=True)
-        for entry in tally.salvaged:
-            click.echo(terminal.in_line(_saved(entry)), err=True)
-        for line in _remarks(tally.remarks, given["output"]):
+        remarks = _remarks(tally.remarks, given["output"])
+        for line in (_told(tally, progress.seconds), *map(_saved, tally.salvaged), *remarks):
             click.echo(terminal.in_line(line), err=True)
     for entry in tally.failures.values():
         click.echo(terminal.in_line(f"failed ({entry.exit_code}): {entry.error}"), err=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES
 from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from formats import Source
     from terrain_cli.diagnosis.diagnosis_outcome import Asked
@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 cutting = options.together(
     options.segments,
     options.value(
-        "--min-samples N",
-        options.Count(3),
-        f"Fewest samples of a segment that auto cuts.  [{CUT_SAMPLES}]",
+        "--min-samples N", options.Count(3), f"Fewest samples of a segment that auto cuts.  [{CUT_SAMPLES}]"
     ),
     options.window_distance,
     options.window_samples,
@@ -39,11 +37,7 @@ cutting = options.together(
     options.salvage,
     options.largest,
     options.value(
-        "--seed N",
-        click.IntRange(0),
-        "Seed of the random draws of the tests.",
-        default=0,
-        show_default=True,
+        "--seed N", click.IntRange(0), "Seed of the random draws of the tests.", default=0, show_default=True
     ),
     options.jobs("Processes that fit wheels and effects; the result is the same."),
     options.verbose,
@@ -98,12 +92,8 @@ def read(
     from terrain_cli.windows import cut_windows
 
     paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
-    rover = options.load_rover(context.params["rover"], paths)
-    own = {option.lstrip("-") for parameter in context.command.params for option in parameter.opts}
     # What is compared is cut as `estimate` cuts it.
-    options.with_defaults(
-        context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
-    )
+    rover = options.configured(context, paths, but="model")
     given = context.params
     context.with_resource(processes.jobs(given["jobs"]))
     effects = {effect.id: effect for file in model for effect in file.model.effects}
@@ -163,23 +153,19 @@ def repeated(context: click.Context, model: str) -> Asked:
             continue
         for one in value if isinstance(value, (list, tuple)) else (value,):
             words += [parameter.opts[0], str(one)]
-    fresh, law = (
-        str(next(path for path in numbered(Path(name)) if not path.exists()))
-        for name in ("model.toml", "law.toml")
-    )
     return Asked(
         inputs=tuple(map(shown, context.params["inputs"])),
         model=shown(model),
         options=tuple(map(shown, words)),
-        fresh=fresh,
-        law=law,
+        fresh=str(free(Path("model.toml"))),
+        law=str(free(Path("law.toml"))),
     )
 
 
-def numbered(path: Path) -> Iterator[Path]:
-    """Yield a name, and others beside it, of which one is free."""
-    yield path
-    yield from (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+def free(path: Path) -> Path:
+    """Return a name, or one beside it with a number, that no file has."""
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    return next(one for one in chain([path], numbered) if not one.exists())
 
 
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:

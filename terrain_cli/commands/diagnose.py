@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
 
 from terrain_cli.commands import comparison_options, options, paths
-from terrain_cli.presentation.terminal import Progress, say
+from terrain_cli.presentation.terminal import Progress, put, say
 
 
 @options.verb(
@@ -89,8 +88,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         )
         progress.advance()
     if given["draft"] and found.unknown is not None:
-        with formats.replacing(given["draft"]) as temporary:
-            Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
+        put(found.unknown.draft, given["draft"])
         found = replace(found, sentence=verdict.with_draft(found.sentence, given["draft"]))
     asked = comparison_options.repeated(context, given["model"])
     form = diagnosis_text.document if given["as_json"] else diagnosis_text.text

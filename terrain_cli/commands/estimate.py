@@ -12,7 +12,7 @@ import click
 
 from terrain_cli.commands import options, paths
 from terrain_cli.errors import UsageError
-from terrain_cli.presentation.terminal import Progress, StatusLine, as_json, in_lines, say
+from terrain_cli.presentation.terminal import Progress, StatusLine, as_json, in_lines, put, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -123,8 +123,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli.presentation import segment_files
 
     logs = formats.expand(context.params["inputs"])
-    rover = options.load_rover(context.params["rover"], logs)
-    options.with_defaults(context, rover.estimate)
+    rover = options.configured(context, logs)
     given = context.params
     if given["csv"] and given["output"]:
         raise UsageError("--csv and -o both say where the table goes", hint="leave one of them out")
@@ -176,12 +175,7 @@ def _write(  # noqa: C901 - one branch for each thing asked for
 
         plots.write(outcomes, given["plot"])
     if given["summary"]:
-        text = as_json(document)
-        if given["summary"] == "-":
-            click.echo(text)
-        else:
-            with formats.replacing(given["summary"]) as temporary:
-                Path(temporary).write_text(text + "\n", encoding="utf-8")
+        put(as_json(document) + "\n", given["summary"])
     crs = segment_table.reference_system(table, given["crs"])
     points = (joined("samples"), given["samples"]) if given["samples"] else None
     # Nobody reads WKT on a screen.

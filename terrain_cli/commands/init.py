@@ -1,11 +1,10 @@
 """`terrain-est init INPUT`."""
 
-from pathlib import Path
-
 import click
 
 from terrain_cli.commands import options, paths
 from terrain_cli.errors import UsageError
+from terrain_cli.presentation.terminal import put
 
 
 @options.verb(
@@ -37,10 +36,6 @@ def command(log: str, output: str | None, force: bool, salvage: bool, quiet: boo
     if len(logs) > 1:
         raise UsageError(f"{log} stands for {len(logs)} logs", hint=f"name one of them, such as {logs[0]}")
     text, left = rover_draft.draft(formats.open_source(logs[0], salvage=salvage))
-    if output in {None, "-"}:
-        click.echo(text, nl=False)
-    else:
-        with formats.replacing(output) as temporary:
-            Path(temporary).write_text(text, encoding="utf-8")
+    put(text, output or "-")
     if not quiet:
         click.echo(f"still to fill in: {', '.join(left)}", err=True)

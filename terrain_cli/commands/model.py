@@ -122,13 +122,13 @@ def _description(name: str, file: ModelFile) -> dict[str, Any]:
 
 
 def _parameter(name: str, unit: str, file: ModelFile) -> dict[str, Any]:
-    from terrain_cli.models.model_file import SOIL_MEANINGS
+    from terrain_cli.models.model_file import SOIL
 
     own = file.model.parameters.get(name)
     prior, factor = file.priors.get(name), file.factor(name)
     return {
         "unit": unit,
-        "meaning": own.meaning if own else SOIL_MEANINGS[name],
+        "meaning": own.meaning if own else SOIL[name][1],
         "held": file.fixed[name] / factor if name in file.fixed else None,
         "prior": {"mean": prior.mean / factor, "sd": prior.sd / factor} if prior else None,
         "per": "wheel" if own or name in file.shared else "window",

@@ -13,7 +13,7 @@ import click
 
 from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.errors import UsageError
-from terrain_cli.presentation.terminal import Progress, say
+from terrain_cli.presentation.terminal import Progress, put, say
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
@@ -325,7 +325,6 @@ class _Drafts:
 
     def write(self, unknown: UnknownEffect) -> str:
         """Write a draft under a name that is free, and return its path as the model file has it."""
-        import formats
         from formats.output.whole_files import explained
 
         name = self.where
@@ -333,11 +332,10 @@ class _Drafts:
             with explained(str(name)):
                 name.mkdir(parents=True, exist_ok=True)
             name = name / f"{tomllib.loads(unknown.draft)['id']}.toml"
-        free = next(path for path in comparison_options.numbered(name) if not path.exists())
-        with formats.replacing(str(free)) as temporary:
-            Path(temporary).write_text(unknown.draft, encoding="utf-8")
-        self.written.append(free)
-        return os.path.relpath(free, self.folder)
+        name = comparison_options.free(name)
+        put(unknown.draft, str(name))
+        self.written.append(name)
+        return os.path.relpath(name, self.folder)
 
     def tidy(self, kept: tuple[str, ...]) -> None:
         """Remove the drafts that did not pay."""

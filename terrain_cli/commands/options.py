@@ -27,40 +27,41 @@ F = TypeVar("F", bound="Callable[..., Any]")
 #: TERRAIN_EST_METHOD=ridge stands for --method ridge, in every verb that has the option.
 CONTEXT = {"auto_envvar_prefix": "TERRAIN_EST"}
 
-_MOST_SAMPLES = 10**12  # More than any log has, and no more than a sum of it can count
 _MOST_FOLDS = 10**6
-_MOST_AMOUNT = 1e9  # Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground
 
 _QUIET = "Say nothing on stderr but errors."
 
 
-class Amount(click.FloatRange):
-    """A finite number: for click even nan lies within any range."""
+class _Sane(click.ParamType):  # type: ignore[type-arg]
+    """A finite number, not more than anybody has: for click even nan lies within any range."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number: float = super().convert(value, param, ctx)
+    most: float
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
-        if number > _MOST_AMOUNT:
-            self.fail(f"{value} is more than {_MOST_AMOUNT:,.0f}.", param, ctx)
+        if number > self.most:
+            self.fail(f"{value} is more than {self.most:,.0f}.", param, ctx)
         return number
+
+
+class Amount(_Sane, click.FloatRange):
+    """How much of something: gigabytes, seconds, metres or kPa."""
+
+    most = 1e9  # Beyond any machine, any life and any ground
 
 
 POSITIVE = Amount(0, min_open=True)
 
 
-class Count(click.IntRange):
-    """A number of things, at most more than anybody has: the help tells the least number alone."""
+class Count(_Sane, click.IntRange):
+    """How many of something."""
 
-    def __init__(self, least: int, most: int = _MOST_SAMPLES) -> None:
+    # More samples than any log has, and no more than a sum of it can count
+    def __init__(self, least: int, most: int = 10**12) -> None:
         super().__init__(least)
         self.most = most
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        number: int = super().convert(value, param, ctx)
-        if number > self.most:
-            self.fail(f"{value} is more than {self.most:,}.", param, ctx)
-        return number
 
 
 class Duration(click.ParamType):  # type: ignore[type-arg]
@@ -68,7 +69,7 @@ class Duration(click.ParamType):  # type: ignore[type-arg]
 
     name = "duration"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         from terrain_cli.vocabulary import units
 
         number, symbol = re.fullmatch(r"\s*(.*?)\s*([a-zA-Z]*)\s*", str(value)).groups()  # type: ignore[union-attr]
@@ -220,9 +221,7 @@ min_samples = value(
     f"Fewest samples of a segment.  [{choices.CUT_SAMPLES} to cut, {choices.FIT_SAMPLES} to estimate]",
 )
 folds = value(
-    "--folds N",
-    Count(2, _MOST_FOLDS),
-    "Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
+    "--folds N", Count(2, _MOST_FOLDS), "Choose the ridge's δ over N contiguous blocks.  [leave-one-out]"
 )
 at_stress = value(
     "--at-stress KPA",
@@ -316,15 +315,20 @@ def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:
     return rovers.load(rovers.find(path, inputs[0] if inputs else None))
 
 
-def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
-    """Let rover.toml give, by long options, what neither the command line nor the environment gives."""
-    named = False
+def configured(context: click.Context, logs: Sequence[str], *, but: str = "") -> Rover:
+    """Read the rover file, and let it give what neither the command line nor the environment gives.
+
+    Its table [estimate] has long names of options; what the command lacks is left out, and so is `but`.
+    """
+    found, named = load_rover(context.params["rover"], logs), False
     parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}
-    for name, value in settings.items():
-        parameter = parameters[name]
+    default = click.core.ParameterSource.DEFAULT
+    for name, value in found.estimate.items():
+        parameter = parameters.get(name)
         if (
-            parameter.name is None
-            or context.get_parameter_source(parameter.name) is not click.core.ParameterSource.DEFAULT
+            parameter is None
+            or name == but
+            or context.get_parameter_source(parameter.name or "") is not default
         ):
             continue
         given = [value] if parameter.multiple and not isinstance(value, list) else value
@@ -333,3 +337,4 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
     if named:
         paths.check(context)
     paths.check_others(context)
+    return found

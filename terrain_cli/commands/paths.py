@@ -6,7 +6,6 @@ work begins: by what the files are, not by their names, so that a link to an inp
 
 import os
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
@@ -127,15 +126,10 @@ class Writes(Named):
         """Yield the files that are there no more, or are others, once it is written."""
         yield name
 
-    def sign_of(self, path: Path) -> Sign | None:  # noqa: ARG002 - in a folder it depends on the name
-        """Return what shows that a file was written by this program, if it has the name of a result."""
-        return self.sign
-
-    def of_others(self, name: str) -> Iterator[str]:
-        """Yield the files that would be replaced, and that this program did not write before."""
-        file = str(resolved(name))
-        if self.sign and os.path.isfile(file) and not self.sign.on(file):  # noqa: PTH113 - Path may raise
-            yield name
+    def signed(self, name: str) -> Iterator[tuple[str, Sign]]:
+        """Yield the names under which results are written, and what shows that a file there is one."""
+        if self.sign:
+            yield name, self.sign
 
     def holds(self, name: str, file: str) -> bool:  # noqa: ARG002 - a file holds no other
         """Tell whether another file has a name that may be written."""
@@ -144,12 +138,6 @@ class Writes(Named):
 
 class _Folder(Writes):
     """A folder in which files are written under names that nobody gives."""
-
-    def of_others(self, name: str) -> Iterator[str]:
-        for path in named_files.files(name):
-            sign = self.sign_of(path)
-            if sign and not sign.on(str(path)):
-                yield str(path)
 
 
 class _Pictures(_Folder):
@@ -166,17 +154,16 @@ class _Pictures(_Folder):
 
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the folder, and the pictures in it: any of them may be drawn again."""
-        yield name
-        with suppress(OSError):
-            yield from (str(entry) for entry in Path(name).iterdir() if entry.suffix in self._ENDINGS)
+        yield from (name, *(str(path) for path in named_files.files(name) if path.suffix in self._ENDINGS))
 
     def holds(self, name: str, file: str) -> bool:
         """Tell whether a file has the name of a picture in the folder."""
         path = resolved(file)
         return path.suffix in self._ENDINGS and identity(str(path.parent)) == identity(name)
 
-    def sign_of(self, path: Path) -> Sign | None:
-        return named_files.PICTURE if named_files.PICTURES.fullmatch(path.name) else None
+    def signed(self, name: str) -> Iterator[tuple[str, Sign]]:
+        own = (path for path in named_files.files(name) if named_files.PICTURES.fullmatch(path.name))
+        yield from ((str(path), named_files.PICTURE) for path in own)
 
 
 class _Batch(_Folder):
@@ -193,13 +180,15 @@ class _Batch(_Folder):
 
         return belongs(resolved(name), file)
 
-    def sign_of(self, path: Path) -> Sign | None:
+    def signed(self, name: str) -> Iterator[tuple[str, Sign]]:
         from terrain_cli.batch.batch_folder import MANIFEST, is_batch
         from terrain_cli.batch.batch_run import SUMMARY, TABLE
 
         signs = {SUMMARY: named_files.SUMMARY, MANIFEST: named_files.MANIFEST}
-        sign = named_files.SEGMENTS if path.stem == TABLE else signs.get(path.name)
-        return None if is_batch(str(path.parent)) else sign
+        for path in () if is_batch(name) else named_files.files(name):
+            sign = named_files.SEGMENTS if path.stem == TABLE else signs.get(path.name)
+            if sign:
+                yield str(path), sign
 
 
 class _Write(NamedTuple):
@@ -302,9 +291,13 @@ def check_others(context: click.Context) -> None:
         check_free(write.path, replace=True, folder=made)
         if context.params.get("force") and not folder:
             continue
-        for name in write.kind.of_others(write.path):
-            hint = "name another folder, or move it away" if folder else "--force replaces it"
-            raise CannotWriteError(name, "is there already, and is no earlier result of this kind", hint=hint)
+        for name, sign in write.kind.signed(write.path):
+            file = str(resolved(name))
+            if os.path.isfile(file) and not sign.on(file):  # noqa: PTH113 - Path may raise
+                hint = "name another folder, or move it away" if folder else "--force replaces it"
+                raise CannotWriteError(
+                    name, "is there already, and is no earlier result of this kind", hint=hint
+                )
 
 
 def _named(context: click.Context) -> Iterator[tuple[str, Any, str]]:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths
-from terrain_cli.presentation.terminal import Progress
+from terrain_cli.presentation.terminal import Progress, put
 
 
 @options.verb(
@@ -67,8 +67,5 @@ def command(context: click.Context, /, **_: Any) -> None:
         say = partial(progress.say, given["output"])
         parts: dict[str, Any] = {"models": choices, "further": [report.history(file.history)]}
         parts |= {"asked": comparison_options.repeated(context, given["model"]), "progress": say}
-        if given["output"] != "-":
-            report.write(comparison, given["output"], **parts)
-            return
         text = report.page(comparison, **parts)
-    click.echo(text, nl=False)
+    put(text, given["output"])

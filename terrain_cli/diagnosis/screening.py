@@ -20,6 +20,7 @@ from terrain_cli.effects import Effect
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile, model_change
+from terrain_cli.telemetry import effect_inputs
 from terrain_cli.telemetry.effect_inputs import CONSTANTS, sources
 from terrain_cli.vocabulary.arrays import Array, Index
 
@@ -96,7 +97,7 @@ def unrecorded(effects: Sequence[Effect], wheels: Sequence[FittedWheel]) -> tupl
     lacking: dict[str, None] = {}
     for effect, wheel in product(effects, wheels):
         there = _available(wheel)
-        for missing in catalogues.missing(effect, there):
+        for missing in effect_inputs.missing(effect, there):
             for name in (missing,) if missing in effect.needs else effect.any_of:
                 of = sources(name)
                 # Steady test points have no rates.
@@ -106,7 +107,7 @@ def unrecorded(effects: Sequence[Effect], wheels: Sequence[FittedWheel]) -> tupl
 
 
 def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
-    lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
+    lacking = {name for wheel in wheels for name in effect_inputs.missing(effect, _available(wheel))}
     # What is computed of neighbouring samples is not there where these are too few.
     lacking |= {name for wheel in wheels for name in {*effect.needs} - _available(wheel).keys()}
     measured = {name for wheel in wheels for name in wheel.measured}

@@ -11,18 +11,14 @@ from terrain_cli.errors import ConfigurationError, UsageError, nearest
 from terrain_cli.mechanics.effect import Effect, Parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
     from importlib.metadata import EntryPoint
 
     from terrain_cli.mechanics.wheel_model import Model
 
-__all__ = ["GROUP", "NAMES", "Effect", "Parameter", "catalogue", "conflict", "find", "missing"]
+__all__ = ["GROUP", "NAMES", "Effect", "Parameter", "catalogue", "conflict", "find"]
 
 #: Entry points of other packages: each loads to an `Effect`, or to a function that returns one.
 GROUP = "terrain_est.effects"
-_RATE = "_rate"
-#: What follows from channels and the time.
-_DERIVED = {"wheel_angle": {"angular_velocity"}, "rut_slope": {"sinkage", "velocity"}}
 
 
 def catalogue() -> dict[str, Effect]:
@@ -53,19 +49,6 @@ def find(name: str) -> Effect:
     return effects[name]
 
 
-def missing(effect: Effect, available: Collection[str]) -> tuple[str, ...]:
-    """Return what an effect lacks to be computed, as a person reads it.
-
-    `available` are the channels and further columns that are measured or derived, "time" among them, and
-    "grouser_count" and "grouser_height" where rover.toml has them.
-    """
-    lacking = [name for name in effect.needs if not _there(name, available)]
-    if effect.any_of and not any(_there(name, available) for name in effect.any_of):
-        *others, last = effect.any_of
-        lacking.append(f"{', '.join(others)} or {last}" if others else last)
-    return tuple(lacking)
-
-
 def conflict(model: Model, effect: Effect) -> str:
     """Tell why a model cannot have an effect; nothing if it can."""
     try:
@@ -73,14 +56,6 @@ def conflict(model: Model, effect: Effect) -> str:
     except ConfigurationError as error:
         return str(error)
     return ""
-
-
-def _there(name: str, available: Collection[str]) -> bool:
-    if name in available:
-        return True
-    if name in _DERIVED:
-        return {*available} >= {*_DERIVED[name], "time"}
-    return name.endswith(_RATE) and name.removesuffix(_RATE) in available and "time" in available
 
 
 def _place(point: EntryPoint) -> str:

@@ -56,7 +56,7 @@ def with_rivals(
         found = effect_inputs.of_samples(samples, [effect])
         further = {name: column[rows] for name, column in found.items()}
         known = all(np.isfinite(column).all() for column in further.values())
-        if known and not effects.missing(effect, there) and not effects.conflict(file.model, effect):
+        if known and not effect_inputs.missing(effect, there) and not effects.conflict(file.model, effect):
             file = replace(file, model=replace(file.model, effects=(*file.model.effects, effect)))
             inputs |= further
     return file, inputs
@@ -95,7 +95,7 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
     found = [
         effect
         for effect in map(effects.find, effects.NAMES)
-        if not effects.missing(effect, there)
+        if not effect_inputs.missing(effect, there)
         and not _RELATED.intersection((*effect.needs, *effect.any_of, *effect.uses))
         and not {"normal_stress", "shear_stress"}.intersection(effect.laws)
         and not any(parameter.shape for parameter in effect.parameters)

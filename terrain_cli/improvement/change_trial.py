@@ -77,7 +77,7 @@ class _OnSoils(NamedTuple):
         )
 
 
-def fitted(
+def compared(
     wheels: Sequence[Windows],
     file: ModelFile,
     *,
@@ -87,18 +87,13 @@ def fitted(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Compare a model file with joined windows of wheels of one rover, on the blocks of `like`.
+    """Compare a model file with windows of wheels of one rover, on the blocks of `like`.
 
-    Options are as for `of_fitted`.
+    Options are as for `of_fitted`. What was not read of the inputs is among the warnings.
     """
-    found = _OnSoils.of(wheels, file, progress)
+    own = _OnSoils.of(wheels, file, progress)
     options: dict[str, Any] = {"soils": soils, "like": like, "seed": seed, "progress": progress}
-    return found.on_needed(**options)[1] if findings else found.compared(findings=False, **options)
-
-
-def compared(wheels: Sequence[Windows], file: ModelFile, **options: Any) -> Comparison:
-    """Compare a model file with inputs as they were read, and say what was not read of them; as `fitted`."""
-    found = fitted(wheels, file, **options)
+    found = own.on_needed(**options)[1] if findings else own.compared(findings=False, **options)
     return replace(found, warnings=[*notes([windows.samples for windows in wheels]), *found.warnings])
 
 
@@ -376,7 +371,7 @@ def alternatives(
 
     def shown(label: str, other: ModelFile) -> Alternative:
         progress(label)
-        return Alternative(label, fitted(wheels, other, like=own, findings=False, seed=seed))
+        return Alternative(label, compared(wheels, other, like=own, findings=False, seed=seed))
 
     ids = [effect.id for effect in file.model.effects]
     steps = [

@@ -117,10 +117,7 @@ def entry(step: Step, because: str) -> dict[str, Any]:
         "tested": True,
         "proof": step.proof,
         "proof_because": same_stretches(step) or None,
-        "data": data(step),
-        "channels": {one.name: channel(one) for one in step.channels},
-        "ratio": number(step.evidence.overall.value),
-        "ratio_interval": ends(step.evidence.overall),
+        **measured(step),
         "parameters": means(step.parameters) or None,
         "failures_before": len(step.first.failures),
         "failures_after": len(step.compared_after.failures),
@@ -156,12 +153,16 @@ def confirmation(step: Step) -> dict[str, Any] | None:
     proof = step.confirmation
     if proof is None:
         return None
+    return {"confirmed": proof.pays, **measured(proof)}
+
+
+def measured(step: Step) -> dict[str, Any]:
+    """Return on what a change was tried, and what it did to the held-out errors."""
     return {
-        "confirmed": proof.pays,
-        "data": data(proof),
-        "channels": {one.name: channel(one) for one in proof.channels},
-        "ratio": number(proof.evidence.overall.value),
-        "ratio_interval": ends(proof.evidence.overall),
+        "data": data(step),
+        "channels": {one.name: channel(one) for one in step.channels},
+        "ratio": number(step.evidence.overall.value),
+        "ratio_interval": ends(step.evidence.overall),
     }
 
 

@@ -26,22 +26,15 @@ if TYPE_CHECKING:
 FORMAT = "terrain-est/model/1"
 #: What a document says is compared by.
 _TOP, _TABLES = ("format", "base", "effects", "shared"), ("fixed", "priors")
-#: Parameters of the soil with the unit of their values.
-SOIL_UNITS = {
-    "cohesion": "Pa",
-    "tan_phi": "1",
-    "shear_modulus": "m",
-    "stiffness": "Pa/m^n",
-    "sinkage_exponent": "1",
+#: Parameters of the soil, with the unit of their values and what they are.
+SOIL = {
+    "cohesion": ("Pa", "cohesion c of the soil"),
+    "tan_phi": ("1", "tangent of its friction angle φ"),
+    "shear_modulus": ("m", "shear deformation modulus k of the soil"),
+    "stiffness": ("Pa/m^n", "sinkage modulus keq = kc/b + kφ of the soil under this wheel"),
+    "sinkage_exponent": ("1", "exponent n of pressure against sinkage"),
 }
-#: What they are, in words.
-SOIL_MEANINGS = {
-    "cohesion": "cohesion c of the soil",
-    "tan_phi": "tangent of its friction angle φ",
-    "shear_modulus": "shear deformation modulus k of the soil",
-    "stiffness": "sinkage modulus keq = kc/b + kφ of the soil under this wheel",
-    "sinkage_exponent": "exponent n of pressure against sinkage",
-}
+SOIL_UNITS = {name: unit for name, (unit, _) in SOIL.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,13 +13,7 @@ from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import held_out_error
-from terrain_cli.improvement.improvement_outcome import (
-    ChannelChange,
-    Estimated,
-    Shift,
-    Step,
-    Stopped,
-)
+from terrain_cli.improvement.improvement_outcome import ChannelChange, Estimated, Shift, Step, Stopped
 from terrain_cli.improvement.model_history import Rung
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
@@ -33,25 +27,23 @@ _MOST_ROWS = 12  # Rows of a table that a person reads
 
 def verdict(step: Step) -> str:
     """Say what held-out data say of a change, and what became of it."""
-    what = listed(step.changed)
+    what = f"{listed(step.changed)} {'is' if len(step.changed) == 1 else 'are'}"
+    kept = f"{what} {'added all the same, as --keep asks' if step.kept else 'not added'}"
     if step.action == "remove":
-        return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
+        return f"{what} removed{', though it pays' if step.costs else ''}: {found(step)}"
     if step.pays and step.confirmation is not None:
         proof = step.confirmation
         where = f"{listed(list(proof.sources))}, which did not choose it"
         if proof.pays:
-            return f"{what} {_is(step)} added: {found(step)}; confirmed on {where}: {found(proof)}"
-        kept = "added all the same, as --keep asks" if step.kept else "not added"
-        return f"{what} {_is(step)} {kept}: {found(step)}, but not confirmed on {where}: {found(proof)}"
+            return f"{what} added: {found(step)}; confirmed on {where}: {found(proof)}"
+        return f"{kept}: {found(step)}, but not confirmed on {where}: {found(proof)}"
     if step.pays:
-        done = "added" if step.kept else "worth adding"
-        return f"{what} {_is(step)} {done}: {found(step)}"
-    kept = "added all the same, as --keep asks" if step.kept else "not added"
+        return f"{what} {'added' if step.kept else 'worth adding'}: {found(step)}"
     if step.better or (step.fell and step.evidence.overall.high < 1.0):
-        return f"{what} {_is(step)} {kept}: {found(step)}"
+        return f"{kept}: {found(step)}"
     uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
     partly = " overall" if step.fell else uncertain
-    return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
+    return f"the held-out error did not fall{partly}: {kept} ({found(step)})"
 
 
 def tried(step: Step) -> str:
@@ -147,10 +139,6 @@ def _moved_error(one: ChannelChange) -> str:
     return f"{what.words} from {before} to {after} {what.unit}"
 
 
-def _is(step: Step) -> str:
-    return "is" if len(step.changed) == 1 else "are"
-
-
 def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:
     """Return a change as it is written to JSON; `asked` is of the model file, for the next command."""
     return {**_change(step), "conclusion": comparison_text.conclusion_document(_concluded(step, asked))}
@@ -169,10 +157,7 @@ def _change(step: Step) -> dict[str, Any]:
         "pays": step.pays if step.action == "add" else not step.costs,
         "kept": step.kept,
         "model": {"before": step.first.model, "after": step.second.model},
-        "data": model_history.data(step),
-        "channels": {one.name: model_history.channel(one) for one in step.channels},
-        "ratio": model_history.number(step.evidence.overall.value),
-        "ratio_interval": model_history.ends(step.evidence.overall),
+        **model_history.measured(step),
         "parameters": [
             asdict(one)
             | {"value": model_history.number(one.value), "se": model_history.number(one.se)}

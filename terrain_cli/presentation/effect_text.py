@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from terrain_cli.effects.laws.effect_file import Understood
@@ -85,13 +85,16 @@ def overview(effects: Iterable[Effect]) -> str:
 
 
 def text(effect: Effect) -> str:
-    lines = [f"{effect.id}: {effect.title}", *_summary(effect), "", *_parameters(effect)]
-    if effect.explanation:
-        lines += ["", textwrap.fill(effect.explanation, _WIDTH)]
-    for name in _PROSE[1:4]:
-        if words := getattr(effect, name):
-            lines += _field(name.replace("_", " "), words)
+    lines = [f"{effect.id}: {effect.title}", *_summary(effect), "", *_parameters(effect), *_prose(effect)]
     return "\n".join(lines)
+
+
+def _prose(one: Effect | Assumption) -> Iterator[str]:
+    if one.explanation:
+        yield from ("", textwrap.fill(one.explanation, _WIDTH))
+    for name in _PROSE[1:4]:
+        if words := getattr(one, name, ""):
+            yield from _field(name.replace("_", " "), words)
 
 
 def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
@@ -102,16 +105,8 @@ def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
 
 def text_of_assumption(assumption: Assumption) -> str:
     """Tell a person all about what a base takes for granted."""
-    return "\n".join(
-        [
-            f"{assumption.id}: {assumption.title}",
-            *_field("what", "an assumption of a base, which model add removes"),
-            "",
-            textwrap.fill(assumption.explanation, _WIDTH),
-            *_field("settled by", assumption.settled_by),
-            *_field("reference", assumption.reference),
-        ]
-    )
+    what = _field("what", "an assumption of a base, which model add removes")
+    return "\n".join([f"{assumption.id}: {assumption.title}", *what, *_prose(assumption)])
 
 
 def checked_text(file: str, understood: Understood) -> str:

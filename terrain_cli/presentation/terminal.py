@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Self, cast
 
 import click
@@ -61,6 +62,17 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
 def say(result: str | Mapping[str, Any] = "") -> None:
     """Write what people read to the standard output, or a document as JSON."""
     click.echo(escaped(result) if isinstance(result, str) else as_json(result))
+
+
+def put(text: str, path: str) -> None:
+    """Write a text into a file, all of it or nothing; "-" is the standard output."""
+    if path == "-":
+        click.echo(text, nl=False)
+        return
+    from formats import replacing
+
+    with replacing(path) as temporary:
+        Path(temporary).write_text(text, encoding="utf-8")
 
 
 def complain(message: str, hint: str) -> None:

@@ -20,22 +20,14 @@ OF_WHEEL = frozenset({"slip", "load"})  # Of one wheel: they swing with phases o
 
 
 @dataclass(frozen=True)
-class Course:
-    """Time series of the body, at intervals of `STEP`."""
-
-    time: Array  # shape (n,): in s since the start
-    # shape (n,): velocity, pitch, roll, slip_angle, yaw_rate, acceleration, motor_temperature, heading, x, y,
-    # elevation, and travel: metres along the track, which shrink in reverse
-    body: dict[str, Array]
-
-
-@dataclass(frozen=True)
 class Ride:
-    """Time series of one wheel, at intervals of `STEP`."""
+    """Time series of one wheel, or of the origin of the body, at intervals of `STEP`."""
 
     place: Place
-    time: Array  # shape (n,)
-    # shape (n,): load and slip as the soil feels them, velocity of the wheel centre, what is of the body
+    time: Array  # shape (n,): in s since the start
+    # shape (n,): velocity, pitch, roll, slip_angle, yaw_rate, acceleration, motor_temperature, heading, x, y,
+    # elevation, and travel: metres along the track, which shrink in reverse. Of a wheel the velocity is that
+    # of its centre, and there are load and slip as the soil feels them
     smooth: dict[str, Array]
     soil: Index  # shape (n,): index into the soils of the scenario
     pass_number: Array  # shape (n,)
@@ -47,7 +39,8 @@ class Ride:
         return found | {"soil": self.soil[last], "pass_number": self.pass_number[last]}
 
 
-def plan(scenario: Scenario) -> Course:
+def plan(scenario: Scenario) -> Ride:
+    """Plan how the body goes: where its origin is there is no wheel, and no soil."""
     count = round(scenario.duration / STEP) + 1
     time = np.arange(count, dtype=np.float64) * STEP
     series = _profiles(scenario, "body", time, set(scenario.parts[0].profiles) - OF_WHEEL)
@@ -66,15 +59,16 @@ def plan(scenario: Scenario) -> Course:
     level = velocity * np.cos(body["pitch"])
     body["x"], body["y"] = _integral(level * np.cos(course)), _integral(level * np.sin(course))
     body["elevation"] = _integral(velocity * np.sin(body["pitch"]))
-    return Course(time, body)
+    return Ride(Place(""), time, body, np.zeros(count, dtype=np.intp), np.zeros(count))
 
 
-def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
-    own = _profiles(scenario, place.name, course.time, OF_WHEEL)
-    velocity = course.body["velocity"] - place.y * course.body["yaw_rate"]
-    smooth_ = {**course.body, "velocity": velocity, "load": scenario.load * own["load"], "slip": own["slip"]}
-    soils, passes = _soils(scenario, course, place), _passes(scenario, course, place)
-    return Ride(place, course.time, smooth_, soils, passes)
+def ride(scenario: Scenario, way: Ride, place: Place) -> Ride:
+    """Return the ride of a wheel at its place of the body."""
+    own = _profiles(scenario, place.name, way.time, OF_WHEEL)
+    velocity = way.smooth["velocity"] - place.y * way.smooth["yaw_rate"]
+    smooth_ = {**way.smooth, "velocity": velocity, "load": scenario.load * own["load"], "slip": own["slip"]}
+    soils, passes = _soils(scenario, way, place), _passes(scenario, way, place)
+    return Ride(place, way.time, smooth_, soils, passes)
 
 
 def standing(velocity: Array, radius: float) -> Mask:
@@ -108,9 +102,9 @@ def _integral(rate: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _soils(scenario: Scenario, course: Course, place: Place) -> Index:
+def _soils(scenario: Scenario, way: Ride, place: Place) -> Index:
     """Return the soil at each time: equal shares of the track that the body covers."""
-    travel = course.body["travel"]
+    travel = way.smooth["travel"]
     low, high = float(travel.min()), float(travel.max())
     if len(scenario.soils) == 1:
         return np.zeros(len(travel), dtype=np.intp)
@@ -121,13 +115,13 @@ def _soils(scenario: Scenario, course: Course, place: Place) -> Index:
     return np.searchsorted(ends, travel + place.x, side="right")
 
 
-def _passes(scenario: Scenario, course: Course, place: Place) -> Array:
+def _passes(scenario: Scenario, way: Ride, place: Place) -> Array:
     """Count the wheels that drove before over the spot where a wheel is."""
-    travel = course.body["travel"]
+    travel = way.smooth["travel"]
     spot = travel + place.x
     same = [other.x for other in scenario.wheels if math.isclose(other.y, place.y)]
     count = np.zeros(len(travel))
-    turns = _turns(course.body["velocity"])
+    turns = _turns(way.smooth["velocity"])
     for first, last in pairwise(turns):
         now = np.arange(first, last)
         forward = travel[last - 1] >= travel[first]

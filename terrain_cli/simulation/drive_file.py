@@ -10,21 +10,8 @@ from typing import Any
 from terrain_cli import models
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.wheel_model import WheelGeometry
-from terrain_cli.simulation import perfect_sensors
-from terrain_cli.simulation.scenario import (
-    KEYS,
-    START,
-    Chosen,
-    DrivePart,
-    Scenario,
-    choose,
-    effects_rule,
-    find,
-    places,
-    profile_rule,
-    settle,
-    soils_rule,
-)
+from terrain_cli.simulation import perfect_sensors, scenario
+from terrain_cli.simulation.scenario import KEYS, Chosen, DrivePart, Scenario
 from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.choices import BASES, Base
@@ -47,7 +34,7 @@ def _texts(value: Any, place: str) -> list[str]:
 
 
 _DRIVE = toml_files.choice(*PRESETS)
-_PROFILES = {name: profile_rule(**entry) for name, entry in KEYS["profiles"].items()}
+_PROFILES = {name: scenario.profile_rule(**entry) for name, entry in KEYS["profiles"].items()}
 _PART = toml_files.rules(
     {"drive": "drive", "duration": KEYS["file"]["duration"], **{name: name for name in _PROFILES}},
     {"drive": _DRIVE, **_PROFILES},
@@ -58,10 +45,10 @@ _RULES = toml_files.rule_of_each(
         "drive": lambda value, place: [_DRIVE(name, place) for name in _texts(value, place)],
         "parts": toml_files.several(_PART),
         "names": _texts,
-        "soils": soils_rule,
+        "soils": scenario.soils_rule,
         "wheel": toml_files.rules(KEYS["wheel"]),
         "rates": toml_files.rules(dict.fromkeys(CHANNELS_WRITTEN, KEYS["file"]["rate"])),
-        "effects": effects_rule,
+        "effects": scenario.effects_rule,
         "noise": sensors_rule,
     },
 )
@@ -70,6 +57,7 @@ _EITHER = {"drive": "part", "part": "drive"}  # Of the two, the last one said co
 #: The wheel of the paper, with lugs for what needs them.
 WHEEL = {"radius": 0.125, "width": 0.100, "grouser_count": 12, "grouser_height": 0.010}
 SOIL = "dry-sand"
+_AS_THEY_ARE = ("speed", "rate", "rates", "seed", "start", "drawbar_pull")  # Keys that a scenario has too
 COMMAND_LINE = "--"  # What messages about options begin with
 _OPTIONS = {"effects": "effect", "rates": "rate"}  # Where the option is called otherwise
 #: N, the largest first: what each wheel carries if nothing is said and the soil bears it.
@@ -115,28 +103,24 @@ def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: 
     under = content.get("load", LOADS[0]), wheel["radius"]
     base, effects = _model(content, folder, under)
     for name, given in content.get("effects", {}).items():
-        chosen = choose(name, given, _said(places_of["effects"], "effects"), under)
+        chosen = scenario.choose(name, given, _said(places_of["effects"], "effects"), under)
         effects[chosen.effect.id] = chosen
-    soil_place = _said(places_of["soil"], "soil")
+    own, soil_place = content.get("soils", {}), _said(places_of["soil"], "soil")
     count = (WHEELS.get(drive, 1) for drive in content.get("drive", ()))
-    scenario = Scenario(
+    found = Scenario(
         parts=_parts(content),
-        soils=tuple(find(n, content.get("soils", {}), soil_place) for n in content.get("soil", [SOIL])),
+        soils=tuple(scenario.find(name, own, soil_place) for name in content.get("soil", [SOIL])),
         geometry=WheelGeometry(**wheel, gravity=content.get("gravity", STANDARD_GRAVITY)),
-        wheels=places(content.get("wheels", max(count, default=1))),
+        wheels=scenario.places(content.get("wheels", max(count, default=1))),
         load=content.get("load", LOADS[0]),
         base=base,
         effects=tuple(effects.values()),
         sensors=content.get("noise", {}),
-        rates=content.get("rates", {}),
-        **{key: content[key] for key in ("speed", "rate", "seed", "drawbar_pull") if key in content},
-        start=content.get("start", START),
+        **{key: content[key] for key in _AS_THEY_ARE if key in content},
     )
     # Made only now, it refuses an effect that the base does not have.
-    _ = scenario.model
-    if "load" not in content:
-        scenario = replace(scenario, load=perfect_sensors.bearable(scenario, LOADS))
-    return scenario
+    _ = found.model
+    return found if "load" in content else replace(found, load=perfect_sensors.bearable(found, LOADS))
 
 
 def _model(
@@ -150,7 +134,7 @@ def _model(
     for effect in found.model.effects:
         names = {p.name: effect.qualified(p) for p in effect.parameters}
         own = {name: found.fixed[full] for name, full in names.items() if full in found.fixed}
-        chosen[effect.id] = settle(effect, own, name, under)
+        chosen[effect.id] = scenario.settle(effect, own, name, under)
     return found.model.base, chosen
 
 

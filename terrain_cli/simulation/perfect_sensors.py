@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import seed, slopes, value
@@ -16,7 +15,7 @@ from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
 from terrain_cli.simulation.course import STEP, Ride, plan, ride, standing
 from terrain_cli.simulation.scenario import Scenario
 from terrain_cli.telemetry import derived_channels
-from terrain_cli.telemetry.effect_inputs import MEANS, RUT, sources
+from terrain_cli.telemetry.effect_inputs import MEANS, RUT, missing, sources
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -43,7 +42,7 @@ def check_needs(scenario: Scenario, channels: Iterable[str]) -> None:
     constants = {"grouser_count": wheel.grouser_count, "grouser_height": wheel.grouser_height}
     known = {*channels, "time", "slip", *(name for name, size in constants.items() if size)}
     for chosen in scenario.effects:
-        lacking = effects.missing(chosen.effect, known)
+        lacking = missing(chosen.effect, known)
         if lacking:
             raise ConfigurationError(
                 f"effect {chosen.effect.id} needs {' and '.join(lacking)}, which the drive does not have",

@@ -88,15 +88,11 @@ def _own(name: str, value: Any, place: str) -> Soil:
         raise ConfigurationError(f"{place}: give stiffness, or cohesive_modulus and frictional_modulus")
     if bekker:
         toml_files.require(given, place, "cohesive_modulus", "frictional_modulus")
-    return Soil(
-        name=name,
-        cohesion=given["cohesion"],
-        tan_phi=given["tan_phi"] if "tan_phi" in given else math.tan(math.radians(given["phi_deg"])),
-        shear_modulus=given["shear_modulus"],
-        sinkage_exponent=given["sinkage_exponent"],
-        cohesive_modulus=given.get("cohesive_modulus", 0.0),
-        frictional_modulus=given.get("frictional_modulus", given.get("stiffness", 0.0)),
-    )
+    else:
+        given |= {"cohesive_modulus": 0.0, "frictional_modulus": given.pop("stiffness")}
+    if "phi_deg" in given:
+        given["tan_phi"] = math.tan(math.radians(given.pop("phi_deg")))
+    return Soil(name=name, **given)
 
 
 def find(name: str, own: Mapping[str, Soil], place: str) -> Soil:
@@ -116,15 +112,9 @@ class Chosen:
     values: Mapping[str, float] = field(default_factory=dict)  # Every parameter by its short name, SI
     hidden: bool = False  # Drawn at random, and told only in the truth
 
-    def qualified(self) -> dict[str, float]:
-        return {self.effect.qualified(p): self.values[p.name] for p in self.effect.parameters}
 
-
-def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
-    """Read the table [effects]: id or file → its parameters; names are not looked up here."""
-    rule = toml_files.tables(toml_files.tables(toml_files.number("a number")))
-    result: dict[str, dict[str, float]] = rule(value, place)
-    return result
+#: Of the table [effects]: id or file → its parameters; names are not looked up here.
+effects_rule = toml_files.tables(toml_files.tables(toml_files.number("a number")))
 
 
 def choose(name: str, given: Mapping[str, float], place: str, under: tuple[float, float]) -> Chosen:
@@ -311,4 +301,6 @@ class Scenario:
         return Model(self.base, tuple(chosen.effect for chosen in self.effects))
 
     def effect_values(self) -> dict[str, float]:
-        return {name: value for chosen in self.effects for name, value in chosen.qualified().items()}
+        return {
+            one.effect.qualified(p): one.values[p.name] for one in self.effects for p in one.effect.parameters
+        }

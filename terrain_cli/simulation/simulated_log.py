@@ -13,7 +13,7 @@ from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.simulation import course, drive_file, perfect_sensors, sensors
 from terrain_cli.simulation.course import Ride
-from terrain_cli.simulation.scenario import Chosen, Place, Scenario, drawn
+from terrain_cli.simulation.scenario import Chosen, Scenario, drawn
 from terrain_cli.vocabulary.arrays import Array
 
 #: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
@@ -88,11 +88,8 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
         series = {name: _measure(scenario, place.name, name, at, truth) for name, at in clocks.items()}
         log.wheels[place.name] = series
         log.stretches[place.name] = _stretches(ride)
-    # At the origin of the body there is no wheel and no soil.
-    nothing = np.zeros(len(way.time))
-    origin = Ride(Place(""), way.time, way.body, nothing.astype(int), nothing)
     for name in sorted(sensors.OF_BODY & clocks.keys()):
-        log.body[name] = _measure(scenario, "", name, clocks[name], origin.at(clocks[name]))
+        log.body[name] = _measure(scenario, "", name, clocks[name], way.at(clocks[name]))
     return log
 
 
@@ -155,7 +152,7 @@ def draw(scenario: Scenario) -> Scenario:
     raise InputError("no effect of the catalogue shows in this drive", hint=hint)
 
 
-def _shows(scenario: Scenario, ride: course.Ride, time: Array, without: dict[str, Array]) -> bool:
+def _shows(scenario: Scenario, ride: Ride, time: Array, without: dict[str, Array]) -> bool:
     try:
         perfect_sensors.check_needs(scenario, channels(scenario))
         with np.errstate(all="ignore"):
@@ -172,7 +169,7 @@ def _shows(scenario: Scenario, ride: course.Ride, time: Array, without: dict[str
     return False
 
 
-def _drives(scenario: Scenario, way: course.Course) -> bool:
+def _drives(scenario: Scenario, way: Ride) -> bool:
     """Tell whether no wheel gets stuck: later, the reason would tell of the effect."""
     try:
         for place in scenario.wheels:

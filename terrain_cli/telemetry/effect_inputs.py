@@ -1,6 +1,6 @@
 """Further inputs that the effects of a model need beside load, torque, sinkage and slip."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from terrain_cli.telemetry.rover_advice import Lack
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.quantities import listed
 
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")
@@ -42,6 +43,20 @@ def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
     """Split what makes a difference to some effects into channels and further columns."""
     names = {source for effect in effects for name in effect.reads for source in sources(name)}
     return names & CHANNELS.keys(), names - CHANNELS.keys()
+
+
+def missing(effect: Effect, available: Collection[str]) -> tuple[str, ...]:
+    """Return what an effect lacks to be computed, as a person reads it.
+
+    `available` are channels and further columns, "time" among them, and constants that rover.toml may lack.
+    """
+
+    def known(name: str) -> bool:
+        return name in available or bool(sources(name) and {*available}.issuperset(sources(name)))
+
+    lacking = [name for name in effect.needs if not known(name)]
+    either = [] if any(map(known, effect.any_of)) else list(effect.any_of)
+    return (*lacking, *([listed(either, "or")] if either else []))
 
 
 def lacking(raw: Raw, wheel: Wheel, effects: Iterable[Effect]) -> list[Lack]:

@@ -25,7 +25,8 @@ from next_drives import appended
 from simulator import EFFECTS, simulate
 from uncatalogued import OUTSIDE
 
-from terrain_cli.effects import catalogue, missing
+from terrain_cli.effects import catalogue
+from terrain_cli.telemetry.effect_inputs import missing
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 

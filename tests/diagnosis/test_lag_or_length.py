@@ -69,7 +69,7 @@ def test_a_lag_under_a_load_that_changes_faster_is_no_noise(hidden):
     """No rate tells of it, and what it leaves changes as fast as noise."""
     kind = Kind(hidden, seconds=64.0, share=0.01, rover=Rover(rough=rough_load(1)))
     windows, file = windows_of(SEED, kind), ModelFile()
-    told = change_trial.fitted(windows, file).scores()
+    told = change_trial.compared(windows, file).scores()
     diagnosis = diagnose(windows, file)
     assert told.raised == diagnosis.alarm.raised == bool(hidden)
     if hidden:

@@ -10,7 +10,7 @@ from simulator import DRY_SAND, SOILS, Wheel
 from terrain_cli import effects
 from terrain_cli.diagnosis import diagnose
 from terrain_cli.effects import catalogue
-from terrain_cli.improvement.change_trial import fitted
+from terrain_cli.improvement.change_trial import compared
 from terrain_cli.models import ModelFile, added
 from terrain_cli.windows.joined_inputs import by_wheel
 
@@ -61,7 +61,7 @@ def test_a_firm_layer_lowers_the_printed_error_where_the_fitted_soil_hides_it():
     wheels = by_wheel(windows_of(SEED, Kind(hidden, share=0.01, rover=rover), "none"), catalogue().values())
     ratios = {}
     for name, file in {"without": ModelFile(), "with": added(ModelFile(), ["hardpan"], 0.018).file}.items():
-        comparison = fitted(wheels, file)
+        comparison = compared(wheels, file)
         ratios[name] = comparison.channels["sinkage"].heldout_rmse / comparison.channels["sinkage"].noise
     assert ratios["without"] > 1.1
     assert ratios["with"] < 1.05

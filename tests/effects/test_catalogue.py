@@ -18,6 +18,7 @@ from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.effect import KINDS, QUANTITIES
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
+from terrain_cli.telemetry import effect_inputs
 from terrain_cli.vocabulary.channels import CHANNELS
 
 OUTPUTS = ("balance", "load", "torque", "drawbar_pull", "sinkage")
@@ -189,19 +190,19 @@ def test_linear_base_refuses_what_it_does_not_have(name):
 def test_a_missing_channel_is_named(name, wheel, channels, soil):
     effect = effects.find(name)
     there = {*channels, "time", "grouser_count", "grouser_height"}
-    assert effects.missing(effect, there) == ()
+    assert effect_inputs.missing(effect, there) == ()
     for need in effect.needs:
         without = there - {
             need,
             need.removesuffix("_rate"),
             {"wheel_angle": "angular_velocity", "rut_slope": "velocity"}.get(need, ""),
         }
-        assert effects.missing(effect, without) == (need,)
+        assert effect_inputs.missing(effect, without) == (need,)
     if effect.any_of:
-        (lack,) = effects.missing(effect, there - set(effect.any_of) - {"time"})
+        (lack,) = effect_inputs.missing(effect, there - set(effect.any_of) - {"time"})
         assert lack.replace(" or ", ", ").split(", ") == list(effect.any_of)
         for one in effect.any_of:
-            assert effects.missing(effect, {*effect.needs, one}) == ()
+            assert effect_inputs.missing(effect, {*effect.needs, one}) == ()
 
 
 @every

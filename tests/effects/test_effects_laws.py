@@ -9,8 +9,6 @@ from known_effects import KNOWN_EFFECTS, MOVED, SAME, UP
 from terrain_cli import effects
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.effects.library.law_functions import bearing_factors
-from terrain_cli.mechanics import rates
-from terrain_cli.mechanics.dual import seed, slopes
 from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.telemetry.derived_channels import slip as slip_of
@@ -21,14 +19,8 @@ def steady():
     """Return one sample: on a slope, faster than the reference speed, speeding up, on a used track."""
     sample = {"load": 80.0, "slip": 0.3, "velocity": 0.2, "angular_velocity": 2.3, "pitch": 0.15}
     sample |= {"slip_angle": 0.2, "pass_number": 1.0, "motor_temperature": 60.0, "acceleration": 0.1}
-    sample |= {
-        "angular_velocity_rate": 0.4,
-        "torque_rate": 0.5,
-        "wheel_angle": 0.13,
-        "rut_slope": 0.01,
-        "drawbar_pull_rate": 0.1,
-        "sinkage_rate": 0.001,
-    }
+    sample |= {"angular_velocity_rate": 0.4, "torque_rate": 0.5, "drawbar_pull_rate": 0.1}
+    sample |= {"sinkage_rate": 0.001, "wheel_angle": 0.13, "rut_slope": 0.01}
     return {name: np.array([number]) for name, number in sample.items()}
 
 
@@ -199,152 +191,80 @@ def test_how_far_to_the_wrong_side_a_value_may_be_noise_grows_with_the_wheel():
     assert not any(inertia.imitations([(*wheel, (9000.0, 0.45))]))
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_what_the_drivetrain_takes_is_the_same_both_ways(way):
-    """Torque is counted positive the way the wheel turns."""
-    q = {"torque": np.array([2.0]), "angular_velocity": np.array([way * 1.5])}
-    friction = effects.find("drivetrain-friction").laws["torque"]
-    np.testing.assert_allclose(friction(q | {"Tc": 0.4, "Bv": 0.2}), 2.7)
-    inertia = effects.find("acceleration-torque").laws["torque"]
-    np.testing.assert_allclose(inertia(q | {"J": 0.5, "angular_velocity_rate": np.array([way * 0.6])}), 2.3)
+def gives(name, quantity, wanted, **q):
+    return name, quantity, q, wanted
 
 
-def test_friction_needs_no_wheel_speed_for_its_dry_part():
-    law = effects.find("drivetrain-friction").laws["torque"]
-    np.testing.assert_allclose(law({"torque": np.array([2.0]), "Tc": 0.4, "Bv": 0.2}), 2.4)
+def on_two_axles(moved, **measured):
+    """Return the load of a wheel of 98 N behind or before what is measured, by which it moves."""
+    q = {"load": 98.0665, "gravity": 9.80665, "ratio": 0.25, "slope_ratio": 0.0, **measured}
+    return gives("load-transfer", "load", 98.0665 + 0.25 * moved, **q)
 
 
-def test_a_gear_takes_its_share_of_what_drives():
-    law = effects.find("gear-efficiency").laws["torque"]
-    np.testing.assert_allclose(law({"torque": np.array([2.0, -2.0]), "eta": 0.8}), [2.5, -1.6])
-
-
-def test_slope_parts_the_weight():
-    pitch, weight = np.array([-0.3, 0.0, 0.25]), 100.0
-    q = {"pitch": pitch, "factor": 1.0, "load": np.full(3, weight), "drawbar_pull": np.zeros(3)}
-    laws = effects.find("slope").laws
-    pressing = laws["load"](q)
-    np.testing.assert_allclose(pressing, weight * np.cos(pitch))
-    np.testing.assert_allclose(
-        laws["drawbar_pull"](q | {"load": pressing}), -weight * np.sin(pitch), atol=1e-12
-    )
+DEPTH, STRESS, PITCH = np.array([0.0, 0.01, 0.04]), np.array([2.5e3, 10e3, 40e3]), np.array([-0.3, 0.0, 0.25])
+ALONG = 98.0665 * np.sin(0.1)
+FRICTION = ("drivetrain-friction", "torque")
 
 
 @pytest.mark.parametrize(
-    ("channels", "moved"),
+    ("name", "quantity", "q", "wanted"),
     [
-        ({"measured_drawbar_pull": 12.0}, 12.0),
-        ({"pitch": 0.1}, 98.0665 * np.sin(0.1)),
-        ({"acceleration": 0.3}, 3.0),
-        # A pull that is measured is not counted twice.
-        ({"measured_drawbar_pull": 12.0, "pitch": 0.1, "acceleration": 0.3}, 15.0),
-        # The weight along the slope has a lever of its own, where a pull is measured.
-        (
-            {"measured_drawbar_pull": 12.0, "pitch": 0.1, "slope_ratio": 0.5},
-            12.0 + 2.0 * 98.0665 * np.sin(0.1),
+        # Torque is counted positive the way the wheel turns: what a drivetrain takes is the same both ways.
+        gives(*FRICTION, 2.7, torque=2.0, angular_velocity=1.5, Tc=0.4, Bv=0.2),
+        gives(*FRICTION, 2.7, torque=2.0, angular_velocity=-1.5, Tc=0.4, Bv=0.2),
+        gives(*FRICTION, 2.4, torque=2.0, Tc=0.4, Bv=0.2),
+        *(
+            gives("acceleration-torque", "torque", 2.3, torque=2.0, **turning, J=0.5)
+            for way in (1.0, -1.0)
+            for turning in [{"angular_velocity": way * 1.5, "angular_velocity_rate": way * 0.6}]
         ),
-        ({"pitch": 0.1, "slope_ratio": 0.5}, 98.0665 * np.sin(0.1)),
+        gives("gear-efficiency", "torque", [2.5, -1.6], torque=np.array([2.0, -2.0]), eta=0.8),
+        gives("slope", "load", 9.0 * np.cos(PITCH), load=9.0, pitch=PITCH, factor=1.0),
+        gives(
+            *("slope", "drawbar_pull", -9.0 * np.sin(PITCH)),
+            load=9.0 * np.cos(PITCH),
+            pitch=PITCH,
+            factor=1.0,
+            drawbar_pull=0.0,
+        ),
+        on_two_axles(12.0, measured_drawbar_pull=12.0),
+        on_two_axles(ALONG, pitch=0.1),
+        on_two_axles(3.0, acceleration=0.3),
+        # A pull that is measured is not counted twice.
+        on_two_axles(15.0, measured_drawbar_pull=12.0, pitch=0.1, acceleration=0.3),
+        # The weight along the slope has a lever of its own, where a pull is measured.
+        on_two_axles(12.0 + 2.0 * ALONG, measured_drawbar_pull=12.0, pitch=0.1, slope_ratio=0.5),
+        on_two_axles(ALONG, pitch=0.1, slope_ratio=0.5),
+        # A crust bears its strength, a firm layer begins at its top, an envelope turns about its reference.
+        gives(
+            *("crust", "normal_stress", 1.0 - np.exp(-DEPTH / 0.002)),
+            normal_stress=0.0,
+            depth=DEPTH,
+            strength=1.0,
+            thickness=0.002,
+        ),
+        gives(
+            "hardpan",
+            "normal_stress",
+            [0.0, 0.0, 0.03],
+            normal_stress=0.0,
+            depth=DEPTH,
+            modulus=1.0,
+            top=0.01,
+        ),
+        gives(
+            *("strength-curvature", "shear_stress", 500.0 + 0.6 * STRESS * (STRESS / 10e3) ** -0.1),
+            normal_stress=STRESS,
+            shear_stress=500.0 + 0.6 * STRESS,
+            tan_phi=0.6,
+            B=0.1,
+            shear_displacement=1.0,
+            shear_modulus=0.01,
+        ),
     ],
 )
-def test_load_moves_by_what_is_measured(channels, moved):
-    q = {"load": 98.0665, "gravity": 9.80665, "ratio": 0.25, "slope_ratio": 0.0, **channels}
-    assert effects.find("load-transfer").laws["load"](q) == pytest.approx(98.0665 + 0.25 * moved)
-
-
-def test_a_lag_is_taken_out_of_a_slow_signal():
-    time, lag = np.linspace(0.0, 10.0, 500), 0.1
-    true, late = np.sin(time), np.sin(time - lag)
-    law = effects.find("sensor-lag").laws["torque"]
-    shown = law({"torque": true, "torque_lag": lag, "torque_rate": np.cos(time - lag)})
-    assert np.max(np.abs(shown - late)) < 0.06 * np.max(np.abs(true - late))
-    # A channel whose rate is not known is taken as it is.
-    assert law({"torque": 2.0, "torque_lag": lag}) == 2.0
-
-
-def shown_by(time, shown):
-    """Return the rate of a channel, and its mean rates over the next moments, as laws read them."""
-    one = np.zeros(len(time), dtype=int)
-    means = rates.mean_rates(time, one, shown)
-    named = {f"torque_rate_{lead:g}": means[:, 1 + k] for k, lead in enumerate(rates.LEADS)}
-    return {"torque_rate": rates.rate(time, one, shown), **named}
-
-
-@pytest.mark.parametrize("lag", [0.03, 0.25, 0.6, -0.1])
-def test_a_delay_is_taken_out_however_quick_the_changes(lag):
-    time = np.arange(0.0, 20.0, 0.05)
-    law, inner = effects.find("sensor-lag").laws["torque"], slice(60, -60)
-    true, late = np.sin(2.0 * time), np.sin(2.0 * (time - lag))
-    q = {"torque": true, "torque_lag": lag, "filtered": 0.0, **shown_by(time, late)}
-    assert np.max(np.abs(law(q) - late)[inner]) < 0.06 * np.max(np.abs(true - late))
-    by_rate = {name: q[name] for name in ("torque", "torque_lag", "torque_rate")}
-    assert np.max(np.abs(law(by_rate) - late)[inner]) > 0.8 * abs(lag) * np.max(np.abs(true - late))
-
-
-def test_a_filter_is_taken_out_by_the_rate_alone():
-    time, lag = np.arange(0.0, 20.0, 0.02), 0.4
-    lagged = np.sin(2.0 * time - np.arctan(2.0 * lag)) / np.hypot(1.0, 2.0 * lag)
-    q = {"torque": np.sin(2.0 * time), "torque_lag": lag, "filtered": 1.0, **shown_by(time, lagged)}
-    shown = effects.find("sensor-lag").laws["torque"](q)
-    assert np.max(np.abs(shown - lagged)[50:-50]) < 0.01
-
-
-@pytest.mark.parametrize(("lag", "filtered"), [(0.3, 0.0), (0.3, 0.4), (1.9, 0.3), (-0.25, 0.5), (0.15, 1.0)])
-def test_a_lag_has_its_derivative(lag, filtered):
-    time = np.arange(0.0, 5.0, 0.05)
-    law = effects.find("sensor-lag").laws["torque"]
-    q = {"torque": np.cos(time), "filtered": filtered, **shown_by(time, np.sin(3.0 * time))}
-    step = 1e-6
-    above, below = (law(q | {"torque_lag": lag + way * step}) for way in (1.0, -1.0))
-    slope = slopes(law(q | {"torque_lag": seed(np.full(len(time), lag), "lag")}))["lag"]
-    np.testing.assert_allclose(slope, (above - below) / (2.0 * step), atol=1e-6)
-
-
-def relaxed(time, steady, velocity, length):
-    """Roll on in steps so short that their order does not matter: length · dz/ds = steady − z."""
-    z, found = steady[0], []
-    for j in range(len(time)):
-        moved = abs(velocity[j]) * (time[j] - time[j - 1]) if j else 0.0
-        z += moved / length * (steady[j] - z)
-        found.append(z)
-    return np.array(found)
-
-
-def test_sinkage_follows_over_a_distance_at_whatever_speed():
-    time, length = np.arange(0.0, 60.0, 0.01), 0.03
-    steady = 0.015 + 0.005 * np.sin(time)
-    law = effects.find("sinkage-relaxation").laws["sinkage"]
-    one = np.zeros(len(time), dtype=int)
-    one_speed, varied = np.full(len(time), 0.1), 0.1 + 0.05 * np.sin(0.37 * time)
-    for velocity in (one_speed, varied, -one_speed):
-        shown = relaxed(time, steady, velocity, length)
-        slope = rates.rut_slope(time, one, shown, velocity, radius=0.03)
-        said = law({"sinkage": steady, "length": length, "rut_slope": slope})
-        inner = slice(100, -100)
-        assert np.max(np.abs(said - shown)[inner]) < 0.1 * np.max(np.abs(steady - shown)[inner])
-
-
-def test_a_late_sinkage_is_one_of_a_rut_at_one_speed_alone():
-    """A distance over the speed is a time: only where the speed varies do the two laws differ."""
-    lag, relaxation = effects.find("sensor-lag"), effects.find("sinkage-relaxation")
-    (other,) = lag.others
-    q = {"sinkage": 0.02, "rut_slope": np.array([0.01, -0.03, 0.02])}
-    for velocity, same in (([0.1, 0.1, 0.1], True), ([0.1, 0.05, 0.2], False)):
-        late = other["sinkage"](q | {"sinkage_lag": 0.3, "velocity": np.array(velocity)})
-        rolled = relaxation.laws["sinkage"](q | {"length": 0.03})
-        assert np.allclose(late, rolled, rtol=1e-12) == same
-    # And so are a delay in time and one over a distance.
-    columns = shown_by(np.arange(3.0), np.array([0.02, 0.01, 0.03]))
-    q |= {name.replace("torque", "sinkage"): column for name, column in columns.items()}
-    (place_before,) = relaxation.others
-    for velocity, same in (([0.1, 0.1, 0.1], True), ([0.1, 0.05, 0.2], False)):
-        late = lag.laws["sinkage"](q | {"sinkage_lag": 0.3, "filtered": 0.0})
-        placed = place_before["sinkage"](
-            q | {"length": 0.03, "velocity": np.array(velocity), "wheel_radius": 0.1}
-        )
-        assert np.allclose(late, placed, rtol=1e-12) == same
-    # Where no speed is known, it is the law of the model.
-    by_time = {"sinkage": 0.02, "sinkage_lag": 0.3, "sinkage_rate": 0.001}
-    assert other["sinkage"](by_time) == lag.laws["sinkage"](by_time)
+def test_laws_give_what_is_worked_out_by_hand(name, quantity, q, wanted):
+    np.testing.assert_allclose(effects.find(name).laws[quantity](q), wanted, rtol=1e-12, atol=1e-12)
 
 
 def test_ripple_passes_once_a_grouser(wheel, soil):
@@ -372,16 +292,6 @@ def test_sideways_sliding_costs_nothing_straight_ahead(wheel, soil, steady):
     np.testing.assert_allclose(left.torque, right.torque, rtol=1e-12)
 
 
-def test_a_crust_bears_its_strength_and_a_hardpan_starts_at_its_top():
-    depth = np.array([0.0, 0.002, 0.01, 0.02, 0.04])
-    crust = effects.find("crust").laws["normal_stress"]
-    shares = crust({"normal_stress": 0.0, "depth": depth, "strength": 1.0, "thickness": 0.002})
-    np.testing.assert_allclose(shares, [0.0, 1.0 - 1.0 / np.e, 0.9932621, 1.0, 1.0], atol=1e-4)
-    hardpan = effects.find("hardpan").laws["normal_stress"]
-    into = hardpan({"normal_stress": 0.0, "depth": depth, "modulus": 1.0, "top": 0.01})
-    np.testing.assert_allclose(into, [0.0, 0.0, 0.0, 0.01, 0.03], atol=1e-15)
-
-
 @pytest.mark.parametrize("top", [0.003, 0.012, 0.03])
 def test_forces_over_a_layer_do_not_depend_on_the_nodes(wheel, soil, top):
     """Gauss nodes across the bend gave a load that was wrong by 3%, and by 9% with few of them."""
@@ -393,17 +303,6 @@ def test_forces_over_a_layer_do_not_depend_on_the_nodes(wheel, soil, top):
     for name in ("load", "torque", "drawbar_pull"):
         right = getattr(many, name)
         np.testing.assert_allclose(getattr(few, name), right, atol=1e-4 * np.abs(right).max())
-
-
-def test_curvature_turns_about_its_reference():
-    law = effects.find("strength-curvature").laws["shear_stress"]
-    stress = np.array([2.5e3, 10e3, 40e3])
-    q = {"normal_stress": stress, "shear_displacement": 1.0, "shear_modulus": 0.01, "tan_phi": 0.6, "B": 0.1}
-    np.testing.assert_allclose(
-        law(q | {"shear_stress": 500.0 + 0.6 * stress}) - 500.0,
-        0.6 * stress * (stress / 10e3) ** -0.1,
-        rtol=1e-12,
-    )
 
 
 def test_flexible_wheel_stands_on_the_contact_of_a_deeper_one():

@@ -108,6 +108,7 @@ FUNCTIONS = {
     "sign": lambda x: math.copysign(1.0, x) if x else x,
     "sqrt": math.sqrt,
     "exp": math.exp,
+    "expm1": math.expm1,
     "log": math.log,
     "ln": math.log,
     "log10": math.log10,

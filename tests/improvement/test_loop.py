@@ -16,7 +16,7 @@ from terrain_cli import models, rover, telemetry
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
 from terrain_cli.improvement import Stopped, model_history, tried_in_forms, until_quiet
-from terrain_cli.improvement.change_trial import fitted
+from terrain_cli.improvement.change_trial import compared
 from terrain_cli.models import Refused
 from terrain_cli.presentation import change_text
 from terrain_cli.vocabulary import toml_files
@@ -49,7 +49,7 @@ _COMPARED = {}
 def comparison_of(wheels, file):
     key = wheels[0].samples.source, file.model.base, *(effect.id for effect in file.model.effects)
     if key not in _COMPARED:
-        _COMPARED[key] = fitted(wheels, file)
+        _COMPARED[key] = compared(wheels, file)
     return _COMPARED[key]
 
 

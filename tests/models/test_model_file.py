@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from own_effects import CABLE
 
 from terrain_cli import models
 from terrain_cli.errors import ConfigurationError
@@ -23,18 +24,6 @@ shear_modulus = 0.018
 [[history]]                        # written by model add / remove --data
 added = "slip-sinkage"
 before = { torque = 0.41, sinkage = 0.002 }
-"""
-CABLE = """
-id = "cable-drag"
-title = "Umbilical drags on the carriage"
-changes = "drawbar_pull"
-law = "drawbar_pull - cd * abs(yaw_rate)"
-needs = ["yaw_rate"]
-[parameters.cd]
-unit = "N s/rad"
-null = 0.0
-scale = 10.0
-lower = 0.0
 """
 
 

@@ -25,30 +25,30 @@ def part(**profiles):
 def test_straight_drive():
     way = course.plan(read(None, part()))
     assert way.time[-1] == pytest.approx(20.0)
-    assert way.body["x"][-1] == pytest.approx(2.0)
-    assert not way.body["y"].any()
-    assert not way.body["acceleration"].any()
+    assert way.smooth["x"][-1] == pytest.approx(2.0)
+    assert not way.smooth["y"].any()
+    assert not way.smooth["acceleration"].any()
 
 
 def test_circle_and_climb():
     turn = course.plan(read(None, part(yaw_rate=math.tau / 20.0, pitch_deg=30.0)))
     # A full circle ends where it began, but higher.
-    assert math.hypot(turn.body["x"][-1], turn.body["y"][-1]) < 2e-3
-    assert turn.body["elevation"][-1] == pytest.approx(1.0)
-    radius = np.max(turn.body["y"]) / 2.0
+    assert math.hypot(turn.smooth["x"][-1], turn.smooth["y"][-1]) < 2e-3
+    assert turn.smooth["elevation"][-1] == pytest.approx(1.0)
+    radius = np.max(turn.smooth["y"]) / 2.0
     assert radius == pytest.approx(0.1 * math.cos(math.radians(30.0)) / (math.tau / 20.0), rel=1e-3)
 
 
 def test_crab():
     way = course.plan(read(None, part(slip_angle_deg=10.0)))
-    assert math.atan2(way.body["y"][-1], way.body["x"][-1]) == pytest.approx(-math.radians(10.0))
+    assert math.atan2(way.smooth["y"][-1], way.smooth["x"][-1]) == pytest.approx(-math.radians(10.0))
 
 
 def test_acceleration_is_that_of_the_velocity():
     way = course.plan(read(None, {"drive": ["speed-steps"]}))
-    change = np.cumsum(way.body["acceleration"]) * STEP
-    np.testing.assert_allclose(change, way.body["velocity"] - way.body["velocity"][0], atol=5e-3)
-    assert np.max(np.abs(way.body["acceleration"])) < 1.0
+    change = np.cumsum(way.smooth["acceleration"]) * STEP
+    np.testing.assert_allclose(change, way.smooth["velocity"] - way.smooth["velocity"][0], atol=5e-3)
+    assert np.max(np.abs(way.smooth["acceleration"])) < 1.0
 
 
 def test_wheels_on_either_side_of_a_turn():

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from own_effects import CABLE
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation import read
@@ -128,22 +129,8 @@ def test_wheels():
     assert len({place.name for place in read(None, {"wheels": 9}).wheels}) == 9
 
 
-EFFECT = """
-id = "cable-drag"
-title = "A cable drags"
-changes = "drawbar_pull"
-law = "drawbar_pull - cd * abs(yaw_rate)"
-needs = ["yaw_rate"]
-[parameters.cd]
-unit = "N s/rad"
-null = 0.0
-scale = 10.0
-lower = 0.0
-"""
-
-
 def test_effect_of_a_user_beside_the_file(drive, tmp_path, monkeypatch):
-    (tmp_path / "cable.toml").write_text(EFFECT, "utf-8")
+    (tmp_path / "cable.toml").write_text(CABLE, "utf-8")
     path = drive('[effects]\n"cable.toml" = { cd = 25.0 }\n')
     assert read(path, {}).effect_values() == {"cable-drag.cd": 25.0}
     monkeypatch.chdir(tmp_path)

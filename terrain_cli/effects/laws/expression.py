@@ -29,6 +29,7 @@ FUNCTIONS: dict[str, Function] = {
     "sign": Function(np.sign),
     "sqrt": Function(np.sqrt),
     "exp": Function(np.exp),
+    "expm1": Function(np.expm1),
     "log": Function(np.log),
     "ln": Function(np.log),
     "log10": Function(lambda x: np.true_divide(np.log(x), math.log(10.0))),

@@ -15,9 +15,6 @@ from terrain_cli.mechanics.rates import LEADS
 _FURTHER = math.exp(-1.0)
 _GRAIN = 3e-4  # m, a grain: less displacement than this along has no direction
 _SLOW = 0.05  # Radii in a second below which a wheel stands
-#: σ0 in Pa: the stress at which tan φ is the soil's own.
-_REFERENCE_STRESS = 10e3
-_LEAST_STRESS = 1.0
 _DENSITY = 1600.0  # Of loose dry soil, in kg/m³
 
 
@@ -32,14 +29,6 @@ packed_stiffness, packed_cohesion = partial(packed, "stiffness"), partial(packed
 packed_shear_modulus = partial(packed, "shear_modulus")
 
 
-def on_a_layer(q: Quantities) -> Any:
-    return q["normal_stress"] + q["modulus"] * np.maximum(q["depth"] - q["top"], 0.0)
-
-
-def under_a_crust(q: Quantities) -> Any:
-    return q["normal_stress"] - q["strength"] * np.expm1(-q["depth"] / q["thickness"])
-
-
 def _mean_share(x: Any) -> Any:
     """Return (1 − exp(−x))/x."""
     return -np.expm1(-x) / x
@@ -51,19 +40,6 @@ def shared_stress(q: Quantities) -> Any:
     square = along * along + _GRAIN**2
     alone, both = np.sqrt(square) / k, np.sqrt(square + q["lateral"] * across * across) / k
     return q["shear_stress"] * _mean_share(both) / _mean_share(alone)
-
-
-def softened(q: Quantities) -> Any:
-    sheared = -np.expm1(-np.absolute(q["shear_displacement"]) / q["length"])
-    return q["shear_stress"] * (1.0 - q["loss"] * sheared)
-
-
-def curved(q: Quantities) -> Any:
-    sigma, travel = q["normal_stress"], q["shear_displacement"]
-    way = np.where(travel < 0.0, -1.0, 1.0)
-    mobilised = -way * np.expm1(-np.absolute(travel) / q["shear_modulus"])
-    bent = np.exp(-q["B"] * np.log(np.maximum(sigma, _LEAST_STRESS) / _REFERENCE_STRESS)) - 1.0
-    return q["shear_stress"] + q["tan_phi"] * sigma * bent * mobilised
 
 
 def slip_of_the_rim(q: Quantities) -> Any:

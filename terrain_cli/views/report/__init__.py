@@ -15,6 +15,7 @@ import formats
 from terrain_cli.comparison.comparison_outcome import Comparison, as_estimated
 from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.improvement.change_trial import Alternative
+from terrain_cli.presentation.terminal import put
 from terrain_cli.version import __version__
 from terrain_cli.views import chart_style
 
@@ -31,16 +32,10 @@ from terrain_cli.views.report.page_parts import Chart, Section, Table  # noqa: E
 __all__ = ["Chart", "Section", "Table", "history", "page", "write"]
 
 
-def write(
-    comparison: Comparison,
-    path: str | Path,
-    **options: Any,
-) -> None:
+def write(comparison: Comparison, path: str | Path, **options: Any) -> None:
     """Write the report of a comparison into a file; as `page`."""
     chart_style.need("report")
-    text = page(comparison, **options)
-    with formats.replacing(str(path)) as temporary:
-        Path(temporary).write_text(text, encoding="utf-8")
+    put(page(comparison, **options), str(path))
 
 
 def page(

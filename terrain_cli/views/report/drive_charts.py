@@ -65,9 +65,7 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     if ends[0] == ends[1]:
         ends = list(shown_samples.limits(known))
     colour = encoded(
-        "v:Q",
-        scale={"scheme": SCALE, "domain": ends},
-        legend={"title": label, "gradientLength": _MAP - 60},
+        "v:Q", scale={"scheme": SCALE, "domain": ends}, legend={"title": label, "gradientLength": _MAP - 60}
     )
     lines = base.mark("line", strokeWidth=6, strokeCap="butt").encode(color=colour).zoomed()
     # Not filled: a legend for lines and for areas at once would be no gradient.
@@ -194,32 +192,25 @@ def _legend(kinds: Sequence[str]) -> Spec | None:
 
 def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
     """Draw each quantity along the time of the drive, with its title; nothing without time."""
-    start, end = (np.asarray(table[name], dtype=float) for name in ("t_start_s", "t_end_s"))
-    if not np.isfinite(start).any():
+    if not np.isfinite(np.asarray(table["t_start_s"], dtype=float)).any():
         return []
     label, _ = shown_segments.mapped_strength(table)
     strength = (f"{label[:1].upper()}{label[1:]}", "strength_at_stress_kPa", "strength_at_stress_se_kPa")
     return [
-        (title, _timeline(table, (start, end), title, (value, error), chosen))
+        (title, _timeline(table, title, (value, error), chosen))
         for title, value, error in (strength, *_QUANTITIES)
         if np.isfinite(np.asarray(table[value], dtype=float)).any()
     ]
 
 
-def _timeline(
-    table: Mapping[str, Any],
-    times: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]],
-    title: str,
-    names: tuple[str, str],
-    chosen: str,
-) -> Spec:
+def _timeline(table: Mapping[str, Any], title: str, names: tuple[str, str], chosen: str) -> Spec:
     sheet = Sheet(chosen)
-    begin = np.nanmin(times[0])
-    value, error = (np.asarray(table[name], dtype=float) for name in names)
+    columns = (np.asarray(table[name], dtype=float) for name in ("t_start_s", "t_end_s", *names))
+    start, end, value, error = columns
     kinds = shown_segments.groups(table, len(COLOURS))
     base = sheet.chart(
-        x=times[0] - begin,
-        x2=times[1] - begin,
+        x=start - np.nanmin(start),
+        x2=end - np.nanmin(start),
         y=value,
         e=error,
         low=value - 1.96 * error,
@@ -315,29 +306,13 @@ def residual(
     band = shown_samples.band(along.values, values)
     bins = sheet.chart(x=shown(band.centre), low=band.low, y=band.median, high=band.high)
     of_x = encoded("x:N" if along.labels else "x:Q", title=axis)
-    bins = bins.encode(x=x, tooltip=[of_x, *tips(y="median", low="5 %", high="95 %")])
-    spread: dict[str, Any] = {"color": MEDIAN, "opacity": 0.22, "clip": True}
-    middle: dict[str, Any] = {"color": MEDIAN, "clip": True}
-    layers = [points.mark("circle", size=10, color=FAINT, opacity=0.6, clip=True)]
-    if not along.labels:
-        layers = [layers[0].zoomed()]
+    told = [of_x, *tips(y="median", low="5 %", high="95 %")]
+    dots = points.mark("circle", size=10, color=FAINT, opacity=0.6, clip=True)
     marked = points.mark("circle", size=24, color=CHOSEN, clip=True).where("datum.s == segment")
-    # Below the median, which is what is to be read. A lone segment is no choice.
-    layers += [marked] if len(keys) > 1 else []
-    ends: dict[str, Any] = {"y": encoded("low:Q"), "y2": {"field": "high"}}
-    if along.labels:
-        layers.append(bins.mark("bar", size=18, **spread).encode(**ends))
-        layers.append(bins.mark("point", filled=True, size=45, **middle).encode(y=y))
-    else:
-        layers.append(bins.mark("area", **spread).encode(**ends))
-        dots = {"color": MEDIAN, "size": 22}
-        layers.append(bins.mark("line", point=dots, **middle).encode(y=y))
-    layers.append(sheet.chart(y=[0.0]).mark("rule", color=INK, strokeWidth=1).encode(y=encoded("y:Q")))
+    # The segment is below the median, which is what is to be read. A lone one is no choice.
+    layers = [dots if along.labels else dots.zoomed(), *([marked] if len(keys) > 1 else [])]
+    layers += sheet.followed(bins.encode(x=x), y, told, joined=not along.labels)
     if np.isfinite(noise):
-        rules = sheet.chart(y=[-1.96 * noise, 1.96 * noise])
-        layers.append(
-            rules.mark("rule", color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True).encode(
-                y=encoded("y:Q")
-            )
-        )
+        rules = sheet.chart(y=[-1.96 * noise, 1.96 * noise]).encode(y=encoded("y:Q"))
+        layers.append(rules.mark("rule", color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True))
     return sheet.finished(layers, height)

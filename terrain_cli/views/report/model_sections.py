@@ -11,7 +11,7 @@ from terrain_cli.improvement.improvement_outcome import ChannelChange
 from terrain_cli.improvement.model_history import Rung, channels, refusals, rungs
 from terrain_cli.presentation import change_text
 from terrain_cli.views import shown_samples
-from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN, measured, top
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK, measured, top
 from terrain_cli.views.report.page_parts import (
     CHOSEN,
     Chart,
@@ -151,17 +151,8 @@ def _misfit(bands: Sequence[Band], axis: str, in_unit: str, own: str) -> Spec:
     chosen = every.where("datum.k == model")
     told = tips(x=axis, median="median", low="5 %", high="95 %")
     reference = every.where(f"datum.k == '{own}'")
-    layers = [
-        chosen.mark("area", color=MEDIAN, opacity=0.22, clip=True).encode(
-            y=encoded("low:Q"), y2={"field": "high"}
-        ),
-        sheet.chart(y=[0.0]).mark("rule", color=INK, strokeWidth=1).encode(y=encoded("y:Q")),
-        reference.mark("line", color=FAINT, strokeDash=[3, 3], clip=True).encode(y=y),
-        chosen.mark("line", color=MEDIAN, point={"color": MEDIAN, "size": 22}, clip=True).encode(
-            y=y, tooltip=told
-        ),
-    ]
-    return sheet.finished(layers, 210)
+    own_median = reference.mark("line", color=FAINT, strokeDash=[3, 3], clip=True).encode(y=y)
+    return sheet.finished([own_median, *sheet.followed(chosen, y, told)], 210)
 
 
 def history(entries: Sequence[Mapping[str, Any]]) -> Section:

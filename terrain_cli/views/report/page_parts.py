@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_cli.views.chart_style import FAINT, INK
+from terrain_cli.views.chart_style import FAINT, INK, MEDIAN
 
 Spec = dict[str, Any]
 
@@ -63,13 +64,8 @@ class Section:
     @property
     def blocks(self) -> list[list[Table | Chart]]:
         """The parts, with the charts that follow one another put together."""
-        result: list[list[Table | Chart]] = []
-        for part in self.parts:
-            if result and isinstance(part, Chart) and isinstance(result[-1][-1], Chart):
-                result[-1].append(part)
-            else:
-                result.append([part])
-        return result
+        runs = groupby(self.parts, lambda part: isinstance(part, Chart) or id(part))
+        return [list(run) for _, run in runs]
 
     def __bool__(self) -> bool:
         return bool(self.text or self.points or self.parts)
@@ -141,6 +137,20 @@ class Sheet:
         records = zip(*map(_plain, columns.values()), strict=True)
         self._datasets[name] = [dict(zip(columns, record, strict=True)) for record in records]
         return Layer({"data": {"name": name}})
+
+    def followed(self, bins: Layer, y: Spec, told: list[Spec], *, joined: bool = True) -> list[Layer]:
+        """Draw zero, the band of 5 to 95 % in each of the bins, and the median in it, `joined` to a line."""
+        colour: dict[str, Any] = {"color": MEDIAN, "clip": True}
+        if joined:
+            # As a whole it could tell the values of one bin alone.
+            band = bins.mark("area", opacity=0.22, **colour)
+            middle = bins.mark("line", point={"color": MEDIAN, "size": 22}, **colour)
+        else:
+            band = bins.mark("bar", size=18, opacity=0.22, **colour).encode(tooltip=told)
+            middle = bins.mark("point", filled=True, size=45, **colour)
+        ends: dict[str, Spec] = {"y": encoded("low:Q"), "y2": {"field": "high"}}
+        zero = self.chart(y=[0.0]).mark("rule", color=INK, strokeWidth=1).encode(y=encoded("y:Q"))
+        return [zero, band.encode(**ends), middle.encode(y=y, tooltip=told)]
 
     def finished(self, layers: Sequence[Layer], height: int, width: int | str = "container") -> Spec:
         """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
