@@ -246,7 +246,7 @@ def share_taken(
     if not after or not above:
         return math.nan
     # What fits before and after differs by chance alone.
-    compared = above.keys() | above_noise(last).keys()
+    compared = [name for name in first if name in above or name in above_noise(last)]
     beyond = [sum(max(each[name] ** 2 - 1.0, 0.0) for name in compared) for each in (first, last)]
     return max(1.0 - beyond[1] / beyond[0], 0.0)
 

@@ -154,8 +154,11 @@ class Step:
     @property
     def held(self) -> dict[str, float]:
         """Parameters by which it chooses the form of an effect, SI."""
-        new = self.after.fixed.keys() - self.before.fixed.keys()
-        return {name: self.after.fixed[name] for name in new if name.partition(".")[0] in self.changed}
+        return {
+            name: value
+            for name, value in self.after.fixed.items()
+            if name not in self.before.fixed and name.partition(".")[0] in self.changed
+        }
 
     @property
     def confirmed(self) -> bool:

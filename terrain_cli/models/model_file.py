@@ -106,7 +106,7 @@ def load(path: str | Path) -> ModelFile:
         name: _prior(model, name, value, where)
         for name, value, where in flat(content.get("priors", {}), f"{path}: priors")
     }
-    for name in fixed.keys() & priors.keys():
+    for name in sorted(fixed.keys() & priors.keys()):
         raise ConfigurationError(f"{path}: priors.{name}: is held by [fixed]", hint="keep one of the two")
     shared = tuple(content.get("shared", ()))
     for index, name in enumerate(shared):

@@ -1,5 +1,9 @@
 """What is listed of candidates."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,6 +37,32 @@ def test_what_an_effect_explains_is_of_the_errors_that_are_told(before, after, s
     channels = {name: SimpleNamespace(noise=1.0, heldout_rmse=error) for name, error in errors.items()}
     found = share_taken(SimpleNamespace(channels=channels), before, after)
     assert found == pytest.approx(share, nan_ok=True)
+
+
+def test_what_an_effect_explains_is_the_same_to_the_last_digit_each_time():
+    """Channels are added up in their order, not in that of a set, which changes from process to process."""
+    code = (
+        "from types import SimpleNamespace as N\n"
+        "from terrain_cli.diagnosis.diagnosis_outcome import share_taken\n"
+        "names = ('torque', 'drawbar_pull', 'sinkage')\n"
+        "for s in range(60):\n"
+        "    before = {c: N(noise=1.0, heldout_rmse=9 + (s + k) / 7) for k, c in enumerate(names)}\n"
+        "    after = {c: 2 + (s + k) / 13 for k, c in enumerate(names)}\n"
+        "    print(share_taken(N(channels=before), {}, after))"
+    )
+    seeds = ("1", "2", "3", "4")
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=Path(__file__).parents[2],
+        ).stdout
+        for seed in seeds
+    }
+    assert len(told) == 1
 
 
 @pytest.mark.parametrize(("loss", "share"), [(0.5, np.nan), (1.0, np.nan), (3.0, 0.5)])
