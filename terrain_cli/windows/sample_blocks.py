@@ -7,7 +7,6 @@ without a copy of the others.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from terrain_cli.vocabulary.arrays import Array, Index
 
@@ -103,7 +102,7 @@ def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None)
     """
     blocks, near = len(number), reach(step)
     width = min(2 * near + 1, blocks)
-    inner = _running(sums, width) / _running(number, width)
+    inner = running(sums, width) / running(number.astype(float), width)
     mean = np.empty(sums.shape) if out is None else out
     first = min(near, blocks - 1)
     last = first + inner.shape[1]
@@ -111,12 +110,12 @@ def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None)
     return mean
 
 
-def _running(values: NDArray[np.number], width: int) -> NDArray[np.number]:
+def running(values: Array, width: int) -> Array:
     """Return the sums of so many values in a row: of halves, as cumulative sums are slow to make."""
     if width == 1:
         return values
     half = width // 2
-    part = _running(values, half)
+    part = running(values, half)
     total = part[..., :-half] + part[..., half:]
     return total if width == 2 * half else total[..., :-1] + values[..., width - 1 :]
 

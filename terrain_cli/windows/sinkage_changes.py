@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from terrain_cli.vocabulary.arrays import Array, Bounds, Index
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, median
 from terrain_cli.windows.candidate_search import Limits
-from terrain_cli.windows.change_points import OWN_PENALTY, Lines, change_points, needed, solved, sum_left
+from terrain_cli.windows.change_points import OWN_PENALTY, change_points, needed, products, solved, sum_left
 from terrain_cli.windows.merging import LONGEST_BRIDGE, REACH
 
 #: Share of the logarithms that stands in for a strength: lines that differ by 5 and 8 % are sinkages that
@@ -71,9 +71,8 @@ def _in_logarithms(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> 
     # A change of soil is a step, which hardly shows within a block.
     blocks = np.unique(np.concatenate([bounds, np.arange(0, len(load), _SINKAGE_BLOCK)]))
     terms = [weight, slip, slip**2, slip * weight]
-    line, *others, level = (column - _mean(column, blocks) for column in (*terms, depth))
-    # Their means are 0 already: of the moments those with 1 are left out.
-    found = solved(Lines([line], others, level, bounds).moments()[:, 1:, 1:])
+    # Their means are 0: no term 1 is needed.
+    found = solved(products([column - _mean(column, blocks) for column in (*terms, depth)], bounds))
     for own, term in zip(found.T, terms, strict=True):
         depth -= np.repeat(own, np.diff(bounds)) * term
     return 1.0 + _SINKAGE_SHARE * weight, 1.0 + _SINKAGE_SHARE * (weight + depth - _mean(depth, bounds))
@@ -83,7 +82,7 @@ def _logarithms(load: Array, sinkage: Array, slip: Array) -> tuple[Array, Array]
     """Return logarithms of load and sinkage over what is usual; None where something is not known."""
     if not all(np.isfinite(column).all() for column in (load, sinkage, slip)) or not len(load):
         return None
-    usual_load, usual_sinkage = float(np.median(load)), float(np.median(sinkage))
+    usual_load, usual_sinkage = median(load), median(sinkage)
     if usual_load <= 0.0 or usual_sinkage <= 0.0 or np.ptp(sinkage) == 0.0:
         return None
     weight = np.log(np.maximum(load / usual_load, _LEAST_LOAD))

@@ -98,5 +98,18 @@ def test_the_correlation_factor_is_that_of_the_long_run_variance(memory):
     assert found == pytest.approx(expected, rel=0.15)
 
 
+def test_the_correlation_factor_sums_the_products_at_all_lags_with_bartletts_weights():
+    noise = np.random.default_rng(2).standard_normal(3_002)
+    # As neighbours go apart, prewhitening takes nothing off.
+    r = noise[:-2] - 0.2 * noise[1:-1] + 0.6 * noise[2:]
+    white = r[1:]
+    lags = int(1.5 * len(white) ** (1.0 / 3.0))
+    products = [white[lag:] @ white[: len(white) - lag] for lag in range(1, lags + 1)]
+    weights = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
+    long_run = white @ white + 2.0 * weights @ products
+    found = correlation_factor(r, np.zeros(0, dtype=np.intp), fitted=4)
+    assert found == pytest.approx(long_run / (len(r) - 4))
+
+
 def test_residuals_of_nothing_are_not_correlated():
     assert correlation_factor(np.zeros(50), np.array([20]), fitted=4) == 1.0
