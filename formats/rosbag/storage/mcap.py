@@ -23,7 +23,7 @@ from rosbags.interfaces import MessageDefinition
 from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, Schema
 
-from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Run, opened, runs
+from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Entries, Run, opened, runs
 from formats.rosbag.storage.raw_messages import NO_DEFINITION, Index, parts_at, unpack, widen
 from formats.rosbag.storage.salvaged_mcap import ENTRY, RECORD, records
 
@@ -151,12 +151,13 @@ class McapFile(McapReader):
         begins, counts = chunk.message_index_offsets.items(), chunk.channel_count
         return tuple((number, at + RECORD + _INDEX, counts.get(number, 0)) for number, at in begins)
 
-    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
+    def entries(self, of: Entries) -> tuple[Index, Index]:
         return of["time"].astype(np.int64), of["place"].astype(np.int64)
 
-    def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
+    def payloads(self, buffer: bytes, number: int, entries: Entries, records: Index) -> tuple[Index, Index]:
+        times, _ = self.entries(entries)
         heads = parts_at(buffer, records, _HEAD.itemsize).view(_HEAD)
-        right = (heads["code"] == _MESSAGE_CODE) & (heads["channel"] == connection) & (heads["time"] == times)
+        right = (heads["code"] == _MESSAGE_CODE) & (heads["channel"] == number) & (heads["time"] == times)
         if not right.all():
             raise ValueError("an index and the message it points at differ")
         return records + _HEAD.itemsize, heads["length"] - _MESSAGE

@@ -15,15 +15,13 @@ import numpy as np
 from rosbags.interfaces import Connection
 
 from formats.limits import CHUNK_BYTES, Allowance, TooMuchError, unpacked_limit
-from formats.rosbag.storage.raw_messages import CORRUPT, ORDER, WILD, Messages, of_payloads, unpack
+from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Entries, Run, locate, opened, runs
+from formats.rosbag.storage.raw_messages import CORRUPT, WILD, unpack
 from formats.rosbag.storage.salvaged_file import Found, Index, Piece, Row, SalvagedFile, Span, by_connection
 
 #: By code and number of a record: whether a checksum vouches for it, and what it says.
 Told = dict[tuple[int, int], list[tuple[bool, Any]]]
 
-#: Bytes of messages that may wait for others which are earlier.
-_WAITING = 1 << 30
-_WAITING_PARTS = 50_000
 #: Bytes behind damage in a growing file in which a chunk begins. Judged: recorders write chunks of some MB.
 _SEARCHED = 16 << 20
 
@@ -42,6 +40,7 @@ class RecordFile(SalvagedFile):
     #: How the file begins, and the code of the records that describe a connection.
     magic: bytes
     describes: int
+    entry = np.dtype([("time", "<i8"), ("place", "<i8"), ("size", "<i8")])  # As a row of a piece has it
     is_damaged = is_cut = ""  # What is said behind a place that is damaged, and behind one that is cut off
 
     def __init__(self, path: Path) -> None:
@@ -79,7 +78,7 @@ class RecordFile(SalvagedFile):
         self.recovery.lost = lost_between(self.walk, end) if self.recovery.damaged else []
         return self.known()
 
-    def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
+    def grow(self, file: BinaryIO, most: int) -> list[Run]:
         """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it."""
         # Damage is passed over, and is in `recovery`; ValueError where nothing follows it.
         self.growing = True
@@ -99,8 +98,12 @@ class RecordFile(SalvagedFile):
         pieces, self.pieces, self.walk = self.pieces, [], []
         if self.told_of().keys() != {connection.id for connection in self.connections}:
             self.connections = list(self.known().values())
-        numbers = np.array([connection.id for connection in self.connections], dtype=np.int64)
-        found = [messages_of(piece, rank, numbers) for rank, piece in enumerate(pieces, self._handed)]
+        known = {connection.id for connection in self.connections}
+        found = []
+        for rank, chunk in enumerate(map(as_chunk, pieces), self._handed):
+            # Not read from the file, whose buffer may be older than what was written meanwhile.
+            contents = chunk.unpack(self.data[chunk.position : chunk.position + chunk.stored])
+            found.append(locate(file, [(rank, chunk, contents)], {}, known, self))
         self._handed += len(pieces)
         if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             # Else a process seems to hold all of the file that it has seen.
@@ -135,10 +138,10 @@ class RecordFile(SalvagedFile):
     ) -> None:
         """Take the messages of the chunk that begins at a byte, its packed contents at a `place`."""
         # Checksums vouch for all, or `confirm` returns those to be trusted, and if the index has the same.
-        load = partial(self._contents, place, packing, size, checksum)
+        load = partial(_contents, packing=packing, size=size, checksum=checksum)
         self._allowance.take(min(size, unpacked_limit(place.stop - place.start)))
         try:
-            raw = load()
+            raw = load(self.data[place])
         except CORRUPT as error:
             reason = " ".join(str(error).split())[:120] or type(error).__name__
             self.lose(f"the chunk at byte {at:,} cannot be read ({reason})")
@@ -154,25 +157,16 @@ class RecordFile(SalvagedFile):
             kept, damage = rows[:0], "contradicts its index"
         else:
             join_told(self.told, told)
-        self.take(rows, kept, load)
+        self.take(rows, kept, place, load)
         if damage:
             self.lose(f"the chunk at byte {at:,} {damage}")
 
-    def _contents(self, place: slice, packing: str, size: int, checksum: int) -> bytes:
-        """Return what a chunk there unpacks to, if that is as it says."""
-        raw = unpack(self.data[place], packing, size)
-        if len(raw) != size:
-            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
-        if checksum and crc32(raw) != checksum:
-            raise ValueError("its checksum is wrong")
-        return raw
-
-    def take(self, found: Index, kept: Index, load: Callable[[], bytes]) -> None:
+    def take(self, found: Index, kept: Index, place: slice, load: Callable[[bytes], bytes] = bytes) -> None:
         """Take the messages that can be trusted of those that were found together; as for `timeline`."""
         self.recovery.aside += len(found) - len(kept)
         self.walk += timeline(found, kept)
         if len(kept):
-            self.pieces.append(Piece(kept, load))
+            self.pieces.append(Piece(kept, place.start, place.stop - place.start, load))
 
     def told_of(self) -> dict[int, list[tuple[bool, Any]]]:
         """Return what the file says of each connection, by its number."""
@@ -190,7 +184,7 @@ class RecordFile(SalvagedFile):
             first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
             rows = rows_of([(number, time, begin - first, size) for number, time, begin, size in self._loose])
             self._loose, self.unchecked = [], True
-            self.take(rows, tame(rows), lambda: self.data[first:last])
+            self.take(rows, tame(rows), slice(first, last))
 
     def lose(self, damage: str) -> None:
         self.end_loose()
@@ -199,23 +193,17 @@ class RecordFile(SalvagedFile):
         if not self.walk or self.walk[-1] is not None:
             self.walk.append(None)
 
-    def runs(self, wanted: Collection[int], size: int = 0) -> Iterator[dict[int, Messages]]:  # noqa: ARG002 - as `rosbag.containers.Reader` has it
-        """Read the messages of some connections, none earlier than one of its connection before."""
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         numbers = np.array(sorted(wanted), dtype=np.int64)
-        pieces = enumerate(self.pieces)
-        holding = ((rank, piece) for rank, piece in pieces if np.isin(piece.rows[:, 0], numbers).any())
-        chosen = sorted((piece.first, rank, piece) for rank, piece in holding)
-        waiting: dict[int, list[Messages]] = {}
-        for k, (_, rank, piece) in enumerate(chosen):
-            for number, messages in messages_of(piece, rank, numbers).items():
-                waiting.setdefault(number, []).append(messages)
-            horizon = chosen[k + 1][0] if k + 1 < len(chosen) else None
-            before, waiting = parted(waiting, horizon)
-            held = [len(part.buffer) for parts in waiting.values() for part in parts]
-            if sum(held) > _WAITING or len(held) > _WAITING_PARTS:
-                raise TooMuchError("its chunks overlap in time: too much would have to be held in memory")
-            if before:
-                yield before
+        pieces = [piece for piece in self.pieces if np.isin(piece.rows[:, 0], numbers).any()]
+        yield from runs(opened(self.file), list(map(as_chunk, pieces)), wanted, self, size)
+
+    def entries(self, of: Entries) -> tuple[Index, Index]:
+        return of["time"], of["place"]
+
+    def payloads(self, _buffer: bytes, _: int, entries: Entries, records: Index) -> tuple[Index, Index]:
+        # Each was looked at when it was found.
+        return records, entries["size"]
 
     @property
     def rest(self) -> int:
@@ -266,42 +254,26 @@ def join_told(told: Told, more: Told) -> None:
         before += [one for one in said if one not in before[-8:]]
 
 
-def messages_of(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
-    contents = piece.load()
-    found = {}
-    for number, rows in by_connection(piece.rows[np.isin(piece.rows[:, 0], wanted)]):
-        order = rank * ORDER + rows[:, 2]
-        found[number] = Messages(contents, rows[:, 2], rows[:, 3], rows[:, 1], order).sorted()
-    return found
+def _contents(packed: bytes, packing: str, size: int, checksum: int) -> bytes:
+    """Return what a chunk unpacks to, if that is as it says."""
+    raw = unpack(packed, packing, size)
+    if len(raw) != size:
+        raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
+    if checksum and crc32(raw) != checksum:
+        raise ValueError("its checksum is wrong")
+    return raw
 
 
-def parted(
-    waiting: dict[int, list[Messages]], horizon: int | None
-) -> tuple[dict[int, Messages], dict[int, list[Messages]]]:
-    """Part messages into those before a time, and the others; the latter in buffers of their own."""
-    before: dict[int, Messages] = {}
-    others: dict[int, list[Messages]] = {}
-    for number, parts in waiting.items():
-        ready = []
-        for part in parts:
-            count = len(part) if horizon is None else int(np.searchsorted(part.times, horizon))
-            if count:
-                ready.append(part.take(slice(None, count)))
-            if count < len(part):
-                rest = part.take(slice(count, None))
-                # In a buffer of its own, so that the contents of its chunk need not be kept.
-                own = rest if len(rest.buffer) == rest.sizes.sum() else joined([rest])
-                others.setdefault(number, []).append(own)
-        if ready:
-            before[number] = ready[0] if len(ready) == 1 else joined(ready).sorted()
-    return before, others
-
-
-def joined(parts: Sequence[Messages]) -> Messages:
-    """Join messages, in the order given, in one buffer that holds nothing else."""
-    payloads = [part.payload(row) for part in parts for row in range(len(part))]
-    times, order = (np.concatenate([getattr(part, name) for part in parts]) for name in ("times", "order"))
-    return of_payloads(payloads, times, order)
+def as_chunk(piece: Piece) -> Chunk:
+    """Return a piece as what `chunks.runs` reads; its index is known."""
+    return Chunk(
+        position=piece.begin,
+        stored=piece.stored,
+        unpack=piece.unpack,
+        slow=piece.unpack is not bytes,
+        first=int(piece.rows[:, 1].min()),
+        index=lambda _: {n: np.ascontiguousarray(own[:, 1:]) for n, own in by_connection(piece.rows)},
+    )
 
 
 def rows_of(found: Found) -> Index:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_uint32
 
-from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Run, opened, runs
+from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Entries, Run, opened, runs
 from formats.rosbag.storage.raw_messages import Index, numbers_at, parts_at, unpack, widen
 
 #: What rosbags makes of an index, entry by entry; here it stays empty.
@@ -81,11 +81,12 @@ class Ros1File(Reader):
         ]
         yield from runs(opened(self.bio), chunks, wanted, self, size)
 
-    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
+    def entries(self, of: Entries) -> tuple[Index, Index]:
         times = of["sec"].astype(np.int64) * _SECOND + of["nsec"]
         return times, of["place"].astype(np.int64)
 
-    def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
+    def payloads(self, buffer: bytes, number: int, entries: Entries, records: Index) -> tuple[Index, Index]:
+        times, _ = self.entries(entries)
         lengths = numbers_at(buffer, records, "<u4").astype(np.int64)
         known = np.zeros(len(records), dtype=bool)
         ordered = np.sort(lengths)
@@ -98,11 +99,11 @@ class Ros1File(Reader):
             if places is not None:
                 heads = _heads(buffer, records[rows], int(length), places)
                 at = heads["sec"].astype(np.int64) * _SECOND + heads["nsec"]
-                right = (heads["op"] == RecordType.MSGDATA) & (heads["conn"] == connection)
+                right = (heads["op"] == RecordType.MSGDATA) & (heads["conn"] == number)
                 known[rows] = right & (at == times[rows])
         data = records + 4 + lengths
         for row in np.flatnonzero(~known):
-            data[row] = _data_of(buffer, int(records[row]), connection, int(times[row]))
+            data[row] = _data_of(buffer, int(records[row]), number, int(times[row]))
         return data + 4, numbers_at(buffer, data, "<u4").astype(np.int64)
 
 

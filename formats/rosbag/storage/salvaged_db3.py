@@ -94,7 +94,7 @@ class SalvagedDb3(SalvagedFile):
             recovery.damage.append(f"pages that are not what they should be: {told[:80]}")
         if len(rows):
             # Only to be counted: `runs` does not go by pieces here.
-            self.pieces = [Piece(rows[:, :4], bytes)]
+            self.pieces = [Piece(rows[:, :4])]
         self._lost_times(cut=size < whole)
         return known
 

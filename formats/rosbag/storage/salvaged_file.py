@@ -3,8 +3,9 @@
 import mmap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +27,9 @@ class Piece:
 
     #: Connection, log time in ns, where the payload begins in the contents, its size: shape (n, 4).
     rows: Index
-    load: Callable[[], bytes]
-
-    @property
-    def first(self) -> int:
-        return int(self.rows[:, 1].min())
+    begin: int = 0  # Of the bytes in the file that `unpack` makes the contents of
+    stored: int = 0
+    unpack: Callable[[bytes], bytes] = bytes
 
 
 class SalvagedFile(ABC):
@@ -43,13 +42,14 @@ class SalvagedFile(ABC):
         self.spans: dict[int, tuple[int, int]] = {}
         self.recovery = Recovery()
         self.pieces: list[Piece] = []
+        self.file: BinaryIO | None = None
         self.data: mmap.mmap | bytes = b""
 
     def open(self) -> None:
         """Find the readable pieces."""
-        with self.path.open("rb") as file:
-            self.data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self.file = self.path.open("rb")
         try:
+            self.data = mmap.mmap(self.file.fileno(), 0, access=mmap.ACCESS_READ)
             self.recovery.bytes_expected = len(self.data)
             self._allowance = Allowance(len(self.data))
             known = self.scan()
@@ -62,6 +62,8 @@ class SalvagedFile(ABC):
         if isinstance(self.data, mmap.mmap):
             self.data.close()
         self.data = b""
+        if self.file is not None:
+            self.file.close()
 
     @abstractmethod
     def scan(self) -> dict[int, Connection]:
@@ -79,7 +81,7 @@ class SalvagedFile(ABC):
             right = np.isin(piece.rows[:, 0], numbers)
             self.recovery.aside += int(np.count_nonzero(~right))
             if right.any():
-                kept.append(piece if right.all() else Piece(piece.rows[right], piece.load))
+                kept.append(replace(piece, rows=piece.rows[right]))
         self.pieces = kept
         counts: dict[int, int] = {}
         for piece in kept:

@@ -201,11 +201,11 @@ class SalvagedRos1(RecordFile):
         """Take the whole messages of a chunk that is cut off, if it is not packed."""
         if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
             return
-        first, last = record.begin, len(self.data)
-        found, _ = self.found_in(self.data[first:last], self.told, vouched=False)
+        place = slice(record.begin, len(self.data))
+        found, _ = self.found_in(self.data[place], self.told, vouched=False)
         rows = record_file.rows_of(found)
         self.unchecked = True
-        self.take(rows, record_file.tame(rows), lambda: self.data[first:last])
+        self.take(rows, record_file.tame(rows), place)
 
     def _index(self, at: int) -> tuple[dict[int, set[tuple[int, int]]], int]:
         """Read the records of the index behind a chunk: times and places by connection."""
