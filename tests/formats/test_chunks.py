@@ -10,7 +10,7 @@ import pytest
 from bags import typestore, write_ros1
 from rosbags.rosbag2.storage_mcap import McapReader
 
-from formats.rosbag.storage import mcap, ros1
+from formats.rosbag.storage import mcap, record_file, ros1
 
 FLOAT = "std_msgs/msg/Float64"
 
@@ -56,7 +56,7 @@ def test_mcap_without_any_index_is_read_as_rosbags_does(tmp_path, monkeypatch, c
     reader.open()
     with closing(reader):
         known = [(c.topic, time, bytes(data)) for c, time, data in reader.messages_scan(reader.connections)]
-    monkeypatch.setattr(mcap, "RUN_BYTES", least)
+    monkeypatch.setattr(record_file, "CHUNK_BYTES", least << 5)
     file = mcap.McapFile(path)
     file.open()
     topics = {c.id: c.topic for c in file.connections}

@@ -18,7 +18,7 @@ from salvage_cases import CASES, FLOAT, JOINTS, START, N, opened, samples, told,
 
 from formats.errors import DamagedError, FormatError
 from formats.limits import TooMuchError
-from formats.rosbag.storage.salvaged_ros1 import checksum
+from formats.rosbag.storage.ros1 import checksum
 from formats.sqlite_pages import Pages
 
 #: Every byte of these is under a checksum, but for the places of chunks and what is not read.

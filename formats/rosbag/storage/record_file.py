@@ -5,6 +5,7 @@ import os
 import struct
 from abc import abstractmethod
 from binascii import crc32
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
@@ -16,8 +17,8 @@ from rosbags.interfaces import Connection
 
 from formats.limits import CHUNK_BYTES, Allowance, TooMuchError, unpacked_limit
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Entries, Run, locate, opened, runs
-from formats.rosbag.storage.raw_messages import CORRUPT, WILD, unpack
-from formats.rosbag.storage.salvaged_file import Found, Index, Piece, Row, SalvagedFile, Span, by_connection
+from formats.rosbag.storage.raw_messages import CORRUPT, WILD, unpack, widen
+from formats.rosbag.storage.stored_file import Found, Index, Piece, Row, Span, StoredFile, by_connection
 
 #: By code and number of a record: whether a checksum vouches for it, and what it says.
 Told = dict[tuple[int, int], list[tuple[bool, Any]]]
@@ -34,17 +35,23 @@ class CutOffError(BrokenRecordError):
     """A record ends beyond the file; of one that is still written, the rest will come."""
 
 
-class RecordFile(SalvagedFile):
-    """What can be read of a file of records."""
+class RecordFile(StoredFile):
+    """What can be read of a file of records: by its index where it must be whole, else record by record."""
+
+    # Of one that must be whole, all that does not add up is a BrokenRecordError, or another of `DAMAGE`.
 
     #: How the file begins, and the code of the records that describe a connection.
     magic: bytes
     describes: int
-    entry = np.dtype([("time", "<i8"), ("place", "<i8"), ("size", "<i8")])  # As a row of a piece has it
+    entry: np.dtype[Any]  # Of its own index
     is_damaged = is_cut = ""  # What is said behind a place that is damaged, and behind one that is cut off
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, salvage: bool = False) -> None:
         super().__init__(path)
+        self.salvage = salvage  # It need not be whole
+        #: By the index: the chunks, and how many messages each connection has in them.
+        self.chunks: list[Chunk] = []
+        self.counts: Counter[int] = Counter()
         #: Where the next record begins, and whether the last one was read.
         self.at = len(self.magic)
         self.ended = False
@@ -57,6 +64,28 @@ class RecordFile(SalvagedFile):
         self.unchecked = False  # No checksum vouches for some of it
         #: Messages in no chunk, as rows of a piece, places being those in the file.
         self._loose: list[Row] = []
+
+    def indexed(self) -> bool:
+        if self.salvage or not self.read_index():
+            return False
+        if len({chunk.position for chunk in self.chunks}) < len(self.chunks):
+            # A few bytes of index could make this unpack one chunk without end.
+            raise BrokenRecordError("its index names a chunk twice")
+        self.chunks.sort(key=lambda chunk: chunk.position)
+        self.connections = [
+            one._replace(msgcount=self.counts[number]) for number, one in self.known().items()
+        ]
+        return True
+
+    def least(self, number: int, begin: int, count: int) -> int:
+        """Take in what the index says of one connection in one chunk; return its least log time in ns."""
+        entries = np.frombuffer(self.data[begin : begin + count * self.entry.itemsize], self.entry)
+        if len(entries) < count:
+            raise CutOffError("an index")
+        times, _ = self.entries(entries)
+        widen(self.spans, number, times)
+        self.counts[number] += count
+        return int(times.min())
 
     def scan(self) -> dict[int, Connection]:
         self.recovery.bytes_read = at = self.at
@@ -102,8 +131,8 @@ class RecordFile(SalvagedFile):
         found = []
         for rank, chunk in enumerate(map(as_chunk, pieces), self._handed):
             # Not read from the file, whose buffer may be older than what was written meanwhile.
-            contents = chunk.unpack(self.data[chunk.position : chunk.position + chunk.stored])
-            found.append(locate(file, [(rank, chunk, contents)], {}, known, self))
+            raw = chunk.unpack(self.data[chunk.position : chunk.position + chunk.stored])
+            found.append(locate(file, [(rank, chunk, raw)], {}, known, RowLayout()))
         self._handed += len(pieces)
         if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             # Else a process seems to hold all of the file that it has seen.
@@ -138,17 +167,17 @@ class RecordFile(SalvagedFile):
     ) -> None:
         """Take the messages of the chunk that begins at a byte, its packed contents at a `place`."""
         # Checksums vouch for all, or `confirm` returns those to be trusted, and if the index has the same.
-        load = partial(_contents, packing=packing, size=size, checksum=checksum)
+        load = partial(contents, packing=packing, size=size, checksum=checksum, most=size)
         self._allowance.take(min(size, unpacked_limit(place.stop - place.start)))
         try:
-            raw = load(self.data[place])
+            raw = bytes(load(self.data[place]))
         except CORRUPT as error:
             reason = " ".join(str(error).split())[:120] or type(error).__name__
             self.lose(f"the chunk at byte {at:,} cannot be read ({reason})")
             return
         told: Told = {}
         found, whole = self.found_in(raw, told, vouched=vouched)
-        rows = rows_of(found)
+        rows = self._rows_of(found)
         kept, agrees = (rows, True) if vouched else confirm(found)
         self.unchecked = self.unchecked or not vouched
         damage = "" if whole else "contradicts itself"
@@ -161,8 +190,12 @@ class RecordFile(SalvagedFile):
         if damage:
             self.lose(f"the chunk at byte {at:,} {damage}")
 
-    def take(self, found: Index, kept: Index, place: slice, load: Callable[[bytes], bytes] = bytes) -> None:
+    def take(
+        self, found: Index, kept: Index, place: slice, load: Callable[[bytes], bytes | memoryview] = bytes
+    ) -> None:
         """Take the messages that can be trusted of those that were found together; as for `timeline`."""
+        if not self.salvage and len(kept) < len(found):
+            raise BrokenRecordError("messages contradict what else the file says of them")
         self.recovery.aside += len(found) - len(kept)
         self.walk += timeline(found, kept)
         if len(kept):
@@ -182,33 +215,53 @@ class RecordFile(SalvagedFile):
         """Take the messages that wait for those behind them."""
         if self._loose:
             first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
-            rows = rows_of([(number, time, begin - first, size) for number, time, begin, size in self._loose])
+            found = [(number, time, begin - first, size) for number, time, begin, size in self._loose]
+            rows = self._rows_of(found)
             self._loose, self.unchecked = [], True
-            self.take(rows, tame(rows), slice(first, last))
+            self.take(rows, tame(rows) if self.salvage else rows, slice(first, last))
+
+    def _rows_of(self, found: Found) -> Index:
+        rows = rows_of(found)
+        if not self.salvage and len(rows) < len(found):
+            raise BrokenRecordError("a log time is beyond the year 2262")
+        return rows
+
+    def note(self, damage: str) -> None:
+        if not self.salvage:
+            raise BrokenRecordError(damage)
+        self.recovery.damage.append(damage)
 
     def lose(self, damage: str) -> None:
         self.end_loose()
         if damage not in self.recovery.damage:
-            self.recovery.damage.append(damage)
+            self.note(damage)
         if not self.walk or self.walk[-1] is not None:
             self.walk.append(None)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+        if self.chunks:
+            yield from runs(opened(self.file), self.chunks, wanted, self, size)
+            return
         numbers = np.array(sorted(wanted), dtype=np.int64)
         pieces = [piece for piece in self.pieces if np.isin(piece.rows[:, 0], numbers).any()]
-        yield from runs(opened(self.file), list(map(as_chunk, pieces)), wanted, self, size)
-
-    def entries(self, of: Entries) -> tuple[Index, Index]:
-        return of["time"], of["place"]
-
-    def payloads(self, _buffer: bytes, _: int, entries: Entries, records: Index) -> tuple[Index, Index]:
-        # Each was looked at when it was found.
-        return records, entries["size"]
+        yield from runs(opened(self.file), list(map(as_chunk, pieces)), wanted, RowLayout(), size)
 
     @property
     def rest(self) -> int:
         """Bytes at the end of a growing file that are no whole record."""
         return 0 if self.ended else len(self.data) - self.at
+
+    @abstractmethod
+    def read_index(self) -> bool:
+        """Fill `chunks` and `counts` by the index of a whole file; False where it has none."""
+
+    @abstractmethod
+    def entries(self, of: Entries) -> tuple[Index, Index]:
+        """Read log times and places from its index, as `chunks.Layout` has it."""
+
+    @abstractmethod
+    def payloads(self, buffer: bytes, number: int, entries: Entries, records: Index) -> tuple[Index, Index]:
+        """Find the payloads of messages that its index names, as `chunks.Layout` has it."""
 
     @abstractmethod
     def record(self, at: int) -> int:
@@ -254,9 +307,23 @@ def join_told(told: Told, more: Told) -> None:
         before += [one for one in said if one not in before[-8:]]
 
 
-def _contents(packed: bytes, packing: str, size: int, checksum: int) -> bytes:
+class RowLayout:
+    """Of rows of pieces, which were looked at when they were found."""
+
+    entry = np.dtype([("time", "<i8"), ("place", "<i8"), ("size", "<i8")])
+
+    def entries(self, of: Entries) -> tuple[Index, Index]:
+        return of["time"], of["place"]
+
+    def payloads(self, _buffer: bytes, _: int, entries: Entries, records: Index) -> tuple[Index, Index]:
+        return records, entries["size"]
+
+
+def contents(
+    packed: bytes | memoryview, packing: str, size: int, checksum: int, most: int = CHUNK_BYTES
+) -> bytes | memoryview:
     """Return what a chunk unpacks to, if that is as it says."""
-    raw = unpack(packed, packing, size)
+    raw = unpack(packed, packing, most) if packing else packed
     if len(raw) != size:
         raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
     if checksum and crc32(raw) != checksum:

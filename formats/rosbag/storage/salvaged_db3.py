@@ -21,7 +21,7 @@ from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.db3 import connections_of
 from formats.rosbag.storage.raw_messages import WILD, Messages, astray, collected
-from formats.rosbag.storage.salvaged_file import Index, Piece, SalvagedFile
+from formats.rosbag.storage.stored_file import Index, Piece, StoredFile
 from formats.sqlite_pages import (
     INDEX_LEAF,
     INDEX_NODE,
@@ -40,7 +40,7 @@ _BLOCK = 1 << 20
 _COLUMNS = ("topic_id", "timestamp", "data")
 
 
-class SalvagedDb3(SalvagedFile):
+class SalvagedDb3(StoredFile):
     def open(self) -> None:
         """Find the readable pages; what a log beside the file holds is put into a copy first."""
         files = [Path(f"{self.path}{ending}") for ending in SIDE_FILES]

@@ -1,4 +1,4 @@
-"""The readable pieces of a damaged bag: a message is given as it was recorded, or not at all."""
+"""One file of a bag, and the pieces of it that can be read: a message as it was recorded, or not at all."""
 
 import mmap
 from abc import ABC, abstractmethod
@@ -29,16 +29,16 @@ class Piece:
     rows: Index
     begin: int = 0  # Of the bytes in the file that `unpack` makes the contents of
     stored: int = 0
-    unpack: Callable[[bytes], bytes] = bytes
+    unpack: Callable[[bytes], bytes | memoryview] = bytes
 
 
-class SalvagedFile(ABC):
-    """What can be read of one file of a bag, as the readers of whole files give it."""
+class StoredFile(ABC):
+    """What can be read of one file of a bag: by its index, or in pieces."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.connections: list[Connection] = []
-        #: First and last log time in ns of each connection, by its number.
+        #: First and last log time in ns of each connection, by its number, as far as they are known.
         self.spans: dict[int, tuple[int, int]] = {}
         self.recovery = Recovery()
         self.pieces: list[Piece] = []
@@ -46,24 +46,34 @@ class SalvagedFile(ABC):
         self.data: mmap.mmap | bytes = b""
 
     def open(self) -> None:
-        """Find the readable pieces."""
+        """Read the index, or else find the readable pieces."""
         self.file = self.path.open("rb")
         try:
             self.data = mmap.mmap(self.file.fileno(), 0, access=mmap.ACCESS_READ)
             self.recovery.bytes_expected = len(self.data)
             self._allowance = Allowance(len(self.data))
-            known = self.scan()
-            self._settle(known)
+            if self.indexed():
+                # Whoever makes the file shorter while it is read would end a process that looks at it so.
+                self._unmap()
+            else:
+                self._settle(self.scan())
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
+        self._unmap()
+        if self.file is not None:
+            self.file.close()
+
+    def _unmap(self) -> None:
         if isinstance(self.data, mmap.mmap):
             self.data.close()
         self.data = b""
-        if self.file is not None:
-            self.file.close()
+
+    def indexed(self) -> bool:
+        """Tell whether the file has an index that is to be trusted, and read that."""
+        return False
 
     @abstractmethod
     def scan(self) -> dict[int, Connection]:
