@@ -19,14 +19,7 @@ from formats.limits import CHUNK_BYTES
 from formats.rosbag.storage import record_file
 from formats.rosbag.storage.chunks import Chunk, Entries
 from formats.rosbag.storage.raw_messages import FORMATS, parts_at, ros2_connection
-from formats.rosbag.storage.record_file import (
-    BrokenRecordError,
-    CutOffError,
-    RecordFile,
-    Told,
-    agreed,
-    join_told,
-)
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, Told
 from formats.rosbag.storage.stored_file import Found, Index, Row
 
 #: Bytes of the opcode and length of a record, and those before the entries of an index, and a payload.
@@ -260,7 +253,7 @@ class McapFile(RecordFile):
     def known(self) -> dict[int, Connection]:
         known = {}
         for number, told in self.told_of().items():
-            channel = agreed(told)
+            channel = record_file.agreed(told)
             if channel is None:
                 self.note(f"channel {number} is described twice, each time differently")
                 continue
@@ -268,7 +261,7 @@ class McapFile(RecordFile):
             if encoding != "cdr" and self.salvage:
                 self.note(f"{topic} is encoded as {encoding[:20]!r}; only 'cdr' can be read")
                 continue
-            schema = agreed(self.told.get((_SCHEMA, schema_number), []) or [(False, None)])
+            schema = record_file.agreed(self.told.get((_SCHEMA, schema_number), []) or [(False, None)])
             name, schema_encoding, text = schema or ("__schemaless__", "", "")
             definition = MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text)
             known[number] = ros2_connection(number, topic, name, definition, encoding=encoding)
@@ -372,7 +365,7 @@ def _note(told: Told, code: int, content: bytes, *, vouched: bool) -> None:
         at, kept = at + 4 + size, (schema, topic, encoding)
     if at != len(content):
         raise BrokenRecordError(f"the description of {number}")
-    join_told(told, {(code, number): [(vouched, kept)]})
+    record_file.join_told(told, {(code, number): [(vouched, kept)]})
 
 
 def _text(content: bytes, at: int) -> tuple[int, str]:

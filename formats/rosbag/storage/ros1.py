@@ -19,28 +19,11 @@ from rosbags.typesys.msg import normalize_msgtype
 
 from formats.limits import CHUNK_BYTES
 from formats.rosbag.definitions import msg_text
-from formats.rosbag.storage import record_file, ros1_records
+from formats.rosbag.storage import record_file
+from formats.rosbag.storage import ros1_records as records
 from formats.rosbag.storage.chunks import Chunk, Entries, Run
 from formats.rosbag.storage.raw_messages import numbers_at, unpack
-from formats.rosbag.storage.record_file import (
-    BrokenRecordError,
-    CutOffError,
-    RecordFile,
-    Told,
-    agreed,
-    join_told,
-)
-from formats.rosbag.storage.ros1_records import (
-    CHUNK,
-    CONNECTION,
-    INDEX,
-    MESSAGE,
-    SECOND,
-    BagRecord,
-    data_of,
-    fields_of,
-    read_record,
-)
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, Told
 from formats.rosbag.storage.stored_file import Found, Index
 
 _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
@@ -51,7 +34,7 @@ _FLOATING = frozenset({"bool", "string", "float32", "float64"})
 
 class Ros1File(RecordFile):
     magic = b"#ROSBAG V2.0\n"
-    describes = CONNECTION
+    describes = records.CONNECTION
     entry = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("place", "<u4")])
     is_damaged = " is damaged"
 
@@ -66,7 +49,7 @@ class Ros1File(RecordFile):
         self._listed: list[tuple[int, int]] = []
 
     def read_index(self) -> bool:
-        if read_record(self.data, len(self.magic)).fields.get(b"encryptor"):
+        if records.read_record(self.data, len(self.magic)).fields.get(b"encryptor"):
             raise BrokenRecordError("it is encrypted")
         at = self.record(len(self.magic))
         if self._chunks:
@@ -74,9 +57,9 @@ class Ros1File(RecordFile):
             while self._indexed < self._promised:
                 at = self.record(at)
         for position, connections in self._listed:
-            record = read_record(self.data, position)
+            record = records.read_record(self.data, position)
             packing, index = record.fields.get(b"compression", b"").decode(), self._index(record.end)[0]
-            if record.code != CHUNK or len(index) != connections:
+            if record.code != records.CHUNK or len(index) != connections:
                 raise BrokenRecordError(f"the chunk at byte {position:,} or its index")
             firsts = [self.least(number, begin, count) for number, begin, count in index if count]
             if firsts:
@@ -92,10 +75,10 @@ class Ros1File(RecordFile):
         return True
 
     def entries(self, of: Entries) -> tuple[Index, Index]:
-        return of["sec"].astype(np.int64) * SECOND + of["nsec"], of["place"].astype(np.int64)
+        return of["sec"].astype(np.int64) * records.SECOND + of["nsec"], of["place"].astype(np.int64)
 
-    def payloads(self, buffer: bytes, number: int, entries: Entries, records: Index) -> tuple[Index, Index]:
-        data = data_of(buffer, number, self.entries(entries)[0], records)
+    def payloads(self, buffer: bytes, number: int, entries: Entries, places: Index) -> tuple[Index, Index]:
+        data = records.data_of(buffer, number, self.entries(entries)[0], places)
         return data + 4, numbers_at(buffer, data, "<u4").astype(np.int64)
 
     def account(self) -> int | None:
@@ -121,35 +104,35 @@ class Ros1File(RecordFile):
         found = super().grow(file, most)
         if self.at > len(self.magic):
             # The header is written again once the index is there.
-            index = read_record(self.data, len(self.magic)).number(b"index_pos", "<Q")
+            index = records.read_record(self.data, len(self.magic)).number(b"index_pos", "<Q")
             self.ended = 0 < index <= self.at
         return found
 
     def record(self, at: int) -> int:
-        record = read_record(self.data, at)
+        record = records.read_record(self.data, at)
         end = record.end
         if end > len(self.data):
-            if record.code == CHUNK and not self.growing:
+            if record.code == records.CHUNK and not self.growing:
                 self._cut_chunk(record)
-            what = "chunk" if record.code == CHUNK else "record"
+            what = "chunk" if record.code == records.CHUNK else "record"
             raise CutOffError(f"a {what} that begins at byte {at:,}")
         match record.code:
-            case ros1_records.CHUNK:
+            case records.CHUNK:
                 end = self._chunk(at, record)
-            case ros1_records.MESSAGE:
+            case records.MESSAGE:
                 # Of a chunk that was never closed.
                 size = record.end - record.begin
                 self.take_loose((record.number(b"conn"), record.time(), record.begin, size))
-            case ros1_records.HEADER:
+            case records.HEADER:
                 self._index_at = record.number(b"index_pos", "<Q")
                 self._chunks = record.number(b"chunk_count")
                 self._promised = self._chunks + record.number(b"conn_count")
-            case ros1_records.CONNECTION:
+            case records.CONNECTION:
                 self._indexed += at >= (self._index_at or 0)
                 _note(self.told, record, self.data[record.begin : record.end], vouched=False)
-            case ros1_records.CHUNK_INFO:
+            case records.CHUNK_INFO:
                 self._chunk_info(record)
-            case ros1_records.INDEX:
+            case records.INDEX:
                 pass
             case 0 if self.growing and not record.fields:
                 # The file is longer already than what was written into it.
@@ -166,14 +149,14 @@ class Ros1File(RecordFile):
                 if not match.end() - at - 4 <= length <= _LONGEST_CHUNK_HEADER:
                     continue
                 try:
-                    record = read_record(self.data, at)
+                    record = records.read_record(self.data, at)
                 except (BrokenRecordError, struct.error):
                     continue
-                if record.code == CHUNK and record.end <= len(self.data):
+                if record.code == records.CHUNK and record.end <= len(self.data):
                     return at
         return None
 
-    def _chunk(self, at: int, record: BagRecord) -> int:
+    def _chunk(self, at: int, record: records.BagRecord) -> int:
         """Read a chunk and the index behind it; return where that ends."""
         self.end_loose()
         if record.begin == record.end:
@@ -188,7 +171,7 @@ class Ros1File(RecordFile):
         self.take_chunk(at, place, packing, size, confirm, vouched=vouched)
         return end
 
-    def _cut_chunk(self, record: BagRecord) -> None:
+    def _cut_chunk(self, record: records.BagRecord) -> None:
         """Take the whole messages of a chunk that is cut off, if it is not packed."""
         if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
             return
@@ -212,8 +195,8 @@ class Ros1File(RecordFile):
         index = []
         while at < len(self.data):
             try:
-                record = read_record(self.data, at)
-                if record.code != INDEX or record.end > len(self.data):
+                record = records.read_record(self.data, at)
+                if record.code != records.INDEX or record.end > len(self.data):
                     break
                 connection, count = record.number(b"conn"), record.number(b"count")
                 if count * self.entry.itemsize != record.end - record.begin or record.number(b"ver") != 1:
@@ -224,7 +207,7 @@ class Ros1File(RecordFile):
             at = record.end
         return index, at
 
-    def _chunk_info(self, record: BagRecord) -> None:
+    def _chunk_info(self, record: records.BagRecord) -> None:
         content = self.data[record.begin : record.end]
         if len(content) != 8 * record.number(b"count"):
             raise BrokenRecordError("the index")
@@ -239,13 +222,13 @@ class Ros1File(RecordFile):
         # At the latter some writers let the index point.
         at, earlier = 0, None
         while at < len(raw):
-            record = read_record(raw, at)
+            record = records.read_record(raw, at)
             if record.end > len(raw):
                 raise BrokenRecordError("a record")
-            if record.code == CONNECTION:
+            if record.code == records.CONNECTION:
                 _note(told, record, raw[record.begin : record.end], vouched=vouched)
                 earlier = at if earlier is None else earlier
-            elif record.code == MESSAGE:
+            elif record.code == records.MESSAGE:
                 number, time, size = record.number(b"conn"), record.time(), record.end - record.begin
                 yield number, time, record.begin, size, at, at if earlier is None else earlier
                 earlier = None
@@ -256,7 +239,7 @@ class Ros1File(RecordFile):
     def known(self) -> dict[int, Connection]:
         known = {}
         for number, told in self.told_of().items():
-            said = agreed(told)
+            said = record_file.agreed(told)
             if said is None and self.salvage:
                 fits = {what: _fits(what) for _, what in told}
                 # Else one of which that cannot be told.
@@ -300,10 +283,10 @@ def _fits(said: tuple[str, str, str, str, str | None]) -> bool | None:
     return None if found is None else found == digest
 
 
-def _note(told: Told, record: BagRecord, content: bytes, *, vouched: bool) -> None:
+def _note(told: Told, record: records.BagRecord, content: bytes, *, vouched: bool) -> None:
     """Take in what a record says of a connection."""
     number, topic = record.number(b"conn"), record.fields.get(b"topic", b"").decode()
-    about = fields_of(content)
+    about = records.fields_of(content)
     if not topic or b"type" not in about:
         raise BrokenRecordError(f"the description of connection {number}")
     keys = (b"type", b"md5sum", b"message_definition", b"callerid")
@@ -311,7 +294,7 @@ def _note(told: Told, record: BagRecord, content: bytes, *, vouched: bool) -> No
     # As rosbags has it: no part of a topic is empty.
     topic = "/" * topic.startswith("/") + "/".join(filter(None, topic.split("/")))
     kept = topic, normalize_msgtype(kind), digest, definition, caller or None
-    join_told(told, {(CONNECTION, number): [(vouched, kept)]})
+    record_file.join_told(told, {(records.CONNECTION, number): [(vouched, kept)]})
 
 
 @lru_cache(256)
