@@ -118,15 +118,14 @@ class Container:
 
     def _opened(self) -> Iterator[Reader]:
         if self.recovery is None:
-            for file in self._recording.files:
-                yield self._open(file)
+            yield from map(self._open, self._recording.files)
             return
         errors: list[FormatError] = []
         found = False
         self.recovery.damage += self._recording.damage
         for file in self._recording.files:
             try:
-                reader = self._salvage(file)
+                reader = self._open(file)
             except FormatError as error:
                 errors.append(error)
                 self.recovery.damage.append(str(error).removeprefix(f"{self.path}: "))
@@ -144,36 +143,25 @@ class Container:
             self.recovery.lost.append((None, None))
         self._recording.complete(self.recovery)
 
-    def _salvage(self, file: Path) -> StoredFile:
-        name = self._recording.name(file)
-        check(file, self.kind, name, salvage=True)
-        reader: StoredFile = reader_of(file, self.kind, salvage=True)
+    def _open(self, file: Path) -> Any:
+        name, salvage = self._recording.name(file), self.recovery is not None
+        check(file, self.kind, name, salvage=salvage)
+        reader = reader_of(file, self.kind, salvage=salvage)
         try:
             reader.open()
-        except OSError:
-            raise
-        except TooMuchError as error:
-            raise damaged(name, self.kind, error) from error
-        except Exception as error:  # whatever is left of a file, a person reads one line
+        except Exception as error:  # damaged bytes make what reads them fail in any way
+            with suppress(Exception):
+                reader.close()
+            if salvage and isinstance(error, OSError):
+                raise
+            if not salvage or isinstance(error, TooMuchError):
+                raise damaged(name, self.kind, error) from error
             reason = " ".join(str(error).split())[:160] or type(error).__name__
             raise DamagedError(name, f"nothing can be read of it: {reason}", hint=LOST) from error
         self._stack.callback(reader.close)
-        if reader.recovery.damaged and not reader.recovery.read:
+        if salvage and reader.recovery.damaged and not reader.recovery.read:
             told = "; ".join(reader.recovery.damage[:2])
             raise DamagedError(name, f"nothing can be read of it: {told}", hint=LOST)
-        return reader
-
-    def _open(self, file: Path) -> Reader:
-        name = self._recording.name(file)
-        check(file, self.kind, name)
-        reader: Reader = reader_of(file, self.kind, salvage=False)
-        try:
-            reader.open()
-        except Exception as error:  # rosbags answers damaged bytes with any exception there is
-            with suppress(Exception):
-                reader.close()
-            raise damaged(name, self.kind, error) from error
-        self._stack.callback(reader.close)
         return reader
 
 

@@ -10,7 +10,7 @@ from binascii import crc32
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
@@ -41,17 +41,6 @@ _HEAD = np.dtype(
 _FORMATS = FORMATS | {"omgidl": MessageDefinitionFormat.IDL}
 
 
-class _ChunkIndex(NamedTuple):
-    """What the summary says of a chunk; sizes in bytes."""
-
-    first: int  # Least log time, ns
-    position: int
-    stored: int
-    #: Of each channel its number, where the entries of its index begin, and how many they are.
-    channels: tuple[tuple[int, int, int], ...]
-    told: tuple[str, int, int]  # Its packing, and its contents when packed and when not
-
-
 class McapFile(RecordFile):
     magic = b"\x89MCAP0\r\n"
     describes = _CHANNEL
@@ -60,7 +49,7 @@ class McapFile(RecordFile):
 
     def __init__(self, path: Path, *, salvage: bool = False) -> None:
         super().__init__(path, salvage=salvage)
-        self._listed: list[_ChunkIndex] = []
+        self._listing = False  # The index of chunks is being read
         #: Number of messages by channel, and the last log time.
         self._counts: dict[int, int] | None = None
         self._end: int | None = None
@@ -79,25 +68,17 @@ class McapFile(RecordFile):
         code, length, at, *_ = _END.unpack(self.data[-_END.size :])
         if (code, length) != (_FOOTER, 20):
             raise BrokenRecordError("its footer")
+        self._listing = True
         while at and not self.ended:
             at = self.record(at)
-        self.ended = False
-        if not self._listed or not self.told_of():
-            return False
-        for one in self._listed:
-            for number, begin, count in one.channels:
+        self._listing = self.ended = False
+        if not self.told_of():
+            self.chunks.clear()
+        for chunk in self.chunks:
+            for number, begin, count in () if callable(chunk.index) else chunk.index:
                 if count > 0:
                     self.least(number, begin, count)
-            chunk = Chunk(
-                position=one.position,
-                stored=one.stored,
-                unpack=partial(_contents, told=one.told),
-                slow=bool(one.told[0]),
-                first=one.first,
-                index=one.channels or _walk,
-            )
-            self.chunks.append(chunk)
-        return True
+        return bool(self.chunks)
 
     def entries(self, of: Entries) -> tuple[Index, Index]:
         return of["time"].astype(np.int64), of["place"].astype(np.int64)
@@ -152,8 +133,8 @@ class McapFile(RecordFile):
         elif code == _MESSAGE:
             # No checksum and no index vouches for it.
             self.take_loose(_message(self.data, begin, end))
-        elif code == _CHUNK_INDEX and not self.salvage:
-            self._listed.append(_chunk_index(self.data[begin:end]))
+        elif code == _CHUNK_INDEX and self._listing:
+            self.chunks.append(_listed(self.data[begin:end]))
         elif code == _STATISTICS:
             self._statistics(self.data[begin:end])
         elif code == _DATA_END:
@@ -268,17 +249,25 @@ class McapFile(RecordFile):
         return known
 
 
-def _chunk_index(content: bytes) -> _ChunkIndex:
+def _listed(content: bytes) -> Chunk:
+    """Read what the summary says of a chunk."""
     first, _, position, stored, size = struct.unpack_from("<QQQQI", content)
     begins = sorted((begin, number) for number, begin in struct.iter_unpack("<HQ", content[36 : 36 + size]))
     length, letters = struct.unpack_from("<QI", content, 36 + size)
     at = 48 + size + letters
     packing, sizes = content[at - letters : at].decode(), struct.unpack_from("<QQ", content, at)
-    # Each ends where the next begins.
+    # Each index ends where the next begins.
     ends = [*(begin for begin, _ in begins[1:]), position + stored + length]
     before = _RECORD + _BEFORE_ENTRIES
-    index = ((n, at + before, (end - at - before) // 16) for (at, n), end in zip(begins, ends, strict=False))
-    return _ChunkIndex(first, position, stored, tuple(index), (packing, *sizes))
+    index = [(n, at + before, (end - at - before) // 16) for (at, n), end in zip(begins, ends, strict=False)]
+    return Chunk(
+        position=position,
+        stored=stored,
+        unpack=partial(_contents, told=(packing, *sizes)),
+        slow=bool(packing),
+        first=first,
+        index=tuple(index) or _walk,
+    )
 
 
 def _contents(record: bytes | memoryview, told: tuple[str, int, int]) -> bytes | memoryview:
