@@ -390,5 +390,5 @@ def test_a_name_changed_in_the_summary_is_refused(tmp_path, name):
     data = bytearray(path.read_bytes())
     data[data.rindex(name) + 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(DamagedError, match="checksum of its summary is wrong"):
+    with pytest.raises(DamagedError, match="checksum of the summary is wrong"):
         opened(path, "mcap", salvage=False)

@@ -49,7 +49,8 @@ class McapFile(RecordFile):
 
     def __init__(self, path: Path, *, salvage: bool = False) -> None:
         super().__init__(path, salvage=salvage)
-        self._listing = False  # The index of chunks is being read
+        #: The index of chunks is being read; and there is one, which tells the times of connections.
+        self._listing = self._timed = False
         #: Number of messages by channel, and the last log time.
         self._counts: dict[int, int] | None = None
         self._end: int | None = None
@@ -58,8 +59,7 @@ class McapFile(RecordFile):
         super().open()
         if self.salvage:
             return
-        if not self.chunks:
-            # Only an index tells them.
+        if not self._timed:
             self.spans = {}
         if (counts := self._counts) is not None:
             self.connections = [one._replace(msgcount=counts.get(one.id, 0)) for one in self.connections]
@@ -72,7 +72,9 @@ class McapFile(RecordFile):
         while at and not self.ended:
             at = self.record(at)
         self._listing = self.ended = False
+        self._timed = bool(self.chunks)
         if not self.told_of():
+            # They are described in the chunks alone.
             self.chunks.clear()
         for chunk in self.chunks:
             for number, begin, count in () if callable(chunk.index) else chunk.index:
@@ -221,7 +223,7 @@ class McapFile(RecordFile):
         # The checksum covers the summary, if there is one, and the footer up to itself.
         first = summary or begin - _RECORD
         if checksum and (first > begin or crc32(self.data[first : begin + 16]) != checksum):
-            self.note("the checksum of its summary is wrong")
+            self.note("the checksum of the summary is wrong")
             self._counts = self._end = None
 
     def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[Row]:
@@ -242,7 +244,10 @@ class McapFile(RecordFile):
             if encoding != "cdr" and self.salvage:
                 self.note(f"{topic} is encoded as {encoding[:20]!r}; only 'cdr' can be read")
                 continue
-            schema = record_file.agreed(self.told.get((_SCHEMA, schema_number), []) or [(False, None)])
+            schemas = self.told.get((_SCHEMA, schema_number), [])
+            schema = record_file.agreed(schemas or [(False, None)])
+            if schemas and schema is None and not self.salvage:
+                self.note(f"schema {schema_number} is described twice, each time differently")
             name, schema_encoding, text = schema or ("__schemaless__", "", "")
             definition = MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text)
             known[number] = ros2_connection(number, topic, name, definition, encoding=encoding)

@@ -211,7 +211,8 @@ class Ros1File(RecordFile):
         content = self.data[record.begin : record.end]
         if len(content) != 8 * record.number(b"count"):
             raise BrokenRecordError("the index")
-        self._listed.append((record.number(b"chunk_pos", "<Q"), record.number(b"count")))
+        if not self.salvage:
+            self._listed.append((record.number(b"chunk_pos", "<Q"), record.number(b"count")))
         self._counted += 1
         self._indexed += 1
         self._messages += sum(count for _, count in struct.iter_unpack("<II", content))
