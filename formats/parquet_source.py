@@ -15,7 +15,7 @@ from formats.limits import TooMuchError
 from formats.page_claims import check_pages
 from formats.recovery import Recovery
 from formats.table import BATCH_ROWS, Batch, Column, Field, Kind, Labels, Source, Stream
-from formats.text.cell_values import MISSING, Names, exact, floats, kind_of, numbers
+from formats.text.cell_values import MISSING, Names, exact, floats, kind_of, nanoseconds, numbers
 
 #: What to do about a damaged file.
 _LOST = "Parquet keeps its index at the end: copy the file again, or write it anew"
@@ -211,11 +211,10 @@ def _column(array: pa.Array, kind: Kind, names: Names) -> Column:
         array = array.dictionary_decode()
     if kind == "time":
         zone = getattr(array.type, "tz", None)
-        ns = array.cast(pa.timestamp("ns", zone)).to_numpy(zero_copy_only=False)
-        return np.asarray(ns, dtype="datetime64[ns]")
+        return nanoseconds(array.cast(pa.timestamp("ns", zone))).view("datetime64[ns]")
     if pa.types.is_duration(array.type):
-        seconds = array.cast(pa.duration("ns")).to_numpy(zero_copy_only=False)
-        return np.asarray(seconds / np.timedelta64(1, "s"))
+        ns = nanoseconds(array.cast(pa.duration("ns"))).view("timedelta64[ns]")
+        return np.asarray(ns / np.timedelta64(1, "s"))
     rounded = array if pa.types.is_float64(array.type) else array.cast(pa.float64(), safe=False)
     return exact(rounded, array) if pa.types.is_integer(array.type) else floats(rounded)
 

@@ -68,17 +68,29 @@ def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.boo
     except pa.ArrowInvalid:
         cells = pc.utf8_trim_whitespace(cells)
         good = pc.match_substring_regex(cells, number_pattern(decimal), ignore_case=True)
-        bad = _filled(cells) & ~_mask(good)
-        cells = pc.replace_substring(pc.if_else(good, cells, None), ",", ".")
+        bad = _there(cells) & ~_mask(good)
+        cells = pc.replace_substring(pc.if_else(good, cells, pa.NA), ",", ".")
         values = pc.cast(cells, pa.float64())
     return exact(values, cells), bad
 
 
 def floats(values: pa.Array) -> NDArray[np.float64]:
-    """Return numbers as they are, NaN where null, not to be written to; pyarrow's own way imports pandas."""
-    import pyarrow.compute as pc
+    """Return numbers as they are, NaN where null, not to be written to."""
+    return _filled(values, np.nan)
 
-    return np.asarray(np.from_dlpack(pc.fill_null(values, np.nan) if values.null_count else values))
+
+def nanoseconds(values: pa.Array) -> NDArray[np.int64]:
+    """Return times or durations as their number of ns, that of NaT where null, not to be written to."""
+    return _filled(values.cast(pa.int64()), np.iinfo(np.int64).min)
+
+
+def _filled(values: pa.Array, missing: float) -> NDArray[Any]:
+    """Return numbers, with another one where null; pyarrow's own ways of it import pandas."""
+    if not values.null_count:
+        return np.asarray(np.from_dlpack(values))
+    found = np.full(len(values), missing)
+    found[_mask(values.is_valid())] = np.from_dlpack(values.drop_null())
+    return found
 
 
 def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
@@ -102,10 +114,9 @@ def times(cells: pa.Array) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
             values = pc.cast(cells, pa.timestamp("ns", zone))
         except pa.ArrowInvalid:
             continue
-        ns = values.cast(pa.timestamp("ns")).to_numpy(zero_copy_only=False)
-        return ns.astype("datetime64[ns]", copy=False), np.zeros(len(cells), dtype=bool)
+        return nanoseconds(values).view("datetime64[ns]"), np.zeros(len(cells), dtype=bool)
     ns = np.array([_nanoseconds(cell) for cell in cells.to_pylist()], dtype="datetime64[ns]")
-    return ns, _filled(pc.utf8_trim_whitespace(cells)) & np.isnat(ns)
+    return ns, _there(pc.utf8_trim_whitespace(cells)) & np.isnat(ns)
 
 
 class Names:
@@ -144,11 +155,11 @@ def _mask(array: pa.Array) -> NDArray[np.bool_]:
     return np.asarray(np.from_dlpack(array.cast(pa.int8())), dtype=bool)
 
 
-def _filled(trimmed: pa.Array) -> NDArray[np.bool_]:
+def _there(trimmed: pa.Array) -> NDArray[np.bool_]:
     import pyarrow.compute as pc
 
-    missing = pc.is_in(pc.utf8_lower(trimmed), value_set=pa.array([*MISSING, None], pa.string()))
-    return ~_mask(missing)
+    missing = "|".join(map(re.escape, MISSING))
+    return _mask(pc.invert(pc.match_substring_regex(trimmed, f"^({missing})$", ignore_case=True)))
 
 
 def _nanoseconds(cell: str | None) -> Any:

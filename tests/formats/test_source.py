@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import io
 import os
 import subprocess
@@ -221,3 +222,31 @@ def test_no_permission(unprivileged):
             act(argument)
         assert str(caught.value) == f"{name}: no permission to read it"
         assert caught.value.exit_code == 66
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_tables_are_read_without_pandas(tmp_path, ending):
+    """It takes half a second to import; pyarrow does so to convert what has gaps, and times."""
+    path = tmp_path / f"log.{ending}"
+    if ending == "csv":
+        lines = ["2026-01-01T00:00:00Z, 1.5, sand", "2026-01-01T00:00:01Z,, ", ", NaN, sand", ", odd, clay"]
+        path.write_text("\n".join(["time, load, terrain", *lines * 10]) + "\n")
+    else:
+        day = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+        lasting = [dt.timedelta(seconds=1), None] * 20
+        columns = {
+            "time": [day, None] * 20,
+            "load": [1.5, None] * 20,
+            "for": lasting,
+            "soil": ["a", None] * 20,
+        }
+        pq.write_table(pa.table(columns), path)
+    code = (
+        "import sys; from formats import open_source; source = open_source(sys.argv[1])\n"
+        "fields = [field.name for field in source.streams()[0].fields]\n"
+        "print(sum(len(batch[fields[0]]) for batch in source.read('', fields)), 'pandas' in sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(path)]
+    root = Path(__file__).parents[2]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root)
+    assert done.stdout == "40 False\n"
