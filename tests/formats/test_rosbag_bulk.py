@@ -332,7 +332,7 @@ def test_an_index_that_lies(tmp_path, container):
     file = (ros1.Ros1File if kind == "ros1" else mcap.McapFile)(path)
     file.open()
     file.close()
-    (_, first, count), (_, second, _) = (entry for chunk in file.chunks for entry in chunk.index)
+    (first, count), (second, _) = (place for chunk in file.chunks for place in chunk.index.values())
     size = count * file.entry.itemsize
     data[first : first + size], data[second : second + size] = (
         data[second : second + size],

@@ -7,7 +7,7 @@ and checked with NumPy: no message is touched in Python.
 
 import os
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Protocol, TypeAlias
@@ -34,9 +34,9 @@ class Chunk:
     unpack: Callable[[bytes], bytes | memoryview]  # Makes the contents of them
     slow: bool  # It is worth a thread
     first: int  # The least log time in it, ns
-    #: Of each connection its number, where its entries begin, and how many there are; or what makes entries,
-    #: by connection, of the contents.
-    index: tuple[tuple[int, int, int], ...] | Callable[[bytes | memoryview], dict[int, Entries]]
+    #: By connection the entries, or where they begin in the file and how many they are; or what makes entries
+    #: of the contents.
+    index: Mapping[int, Entries | tuple[int, int]] | Callable[[bytes | memoryview], dict[int, Entries]]
 
 
 class Layout(Protocol):
@@ -55,12 +55,6 @@ Run: TypeAlias = dict[int, Messages]
 _Unpacked: TypeAlias = tuple[int, Chunk, bytes | memoryview]
 
 
-def opened(file: BinaryIO | None) -> BinaryIO:
-    if file is None:
-        raise ValueError("not open")
-    return file
-
-
 def runs(
     file: BinaryIO, chunks: Sequence[Chunk], wanted: Collection[int], layout: Layout, size: int = RUN_BYTES
 ) -> Iterator[Run]:
@@ -69,7 +63,7 @@ def runs(
     chosen = sorted(
         (chunk.first, rank, chunk)
         for rank, chunk in enumerate(chunks)
-        if callable(chunk.index) or any(connection in wanted for connection, _, _ in chunk.index)
+        if callable(chunk.index) or not chunk.index.keys().isdisjoint(wanted)
     )
     if not chosen:
         return
@@ -165,12 +159,14 @@ def locate(
 def _entries(
     file: BinaryIO, chunk: Chunk, data: bytes | memoryview, wanted: Collection[int], layout: Layout
 ) -> Iterator[tuple[int, Entries]]:
-    if callable(chunk.index):
-        yield from ((c, entries) for c, entries in chunk.index(data).items() if c in wanted)
-        return
-    for connection, begin, count in chunk.index:
-        if count and connection in wanted:
-            raw = _read(file, begin, count * layout.entry.itemsize)
+    index = chunk.index(data) if callable(chunk.index) else chunk.index
+    for connection, own in index.items():
+        if connection not in wanted:
+            continue
+        if not isinstance(own, tuple):
+            yield connection, own
+        elif own[1]:
+            raw = _read(file, own[0], own[1] * layout.entry.itemsize)
             yield connection, np.frombuffer(raw, layout.entry)
 
 

@@ -18,9 +18,8 @@ from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionF
 from formats.limits import CHUNK_BYTES
 from formats.rosbag.storage import record_file
 from formats.rosbag.storage.chunks import Chunk, Entries
-from formats.rosbag.storage.raw_messages import FORMATS, parts_at, ros2_connection
-from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, Told
-from formats.rosbag.storage.stored_file import Found, Index, Row
+from formats.rosbag.storage.raw_messages import FORMATS, Index, parts_at, ros2_connection
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, Found, RecordFile, Row, Told
 
 #: Bytes of the opcode and length of a record, and those before the entries of an index, and a payload.
 _RECORD, _BEFORE_ENTRIES, _BEFORE_PAYLOAD = 9, 6, 22
@@ -77,9 +76,9 @@ class McapFile(RecordFile):
             # They are described in the chunks alone.
             self.chunks.clear()
         for chunk in self.chunks:
-            for number, begin, count in () if callable(chunk.index) else chunk.index:
-                if count > 0:
-                    self.least(number, begin, count)
+            for number, place in () if callable(chunk.index) else chunk.index.items():
+                if isinstance(place, tuple) and place[1] > 0:
+                    self.least(number, *place)
         return bool(self.chunks)
 
     def entries(self, of: Entries) -> tuple[Index, Index]:
@@ -178,21 +177,24 @@ class McapFile(RecordFile):
         index, end = self._index(end)
         start, last, size, checksum, packing = head
         place, vouched = slice(contents, chunk_end), bool(checksum)
-        confirm = partial(_confirmed, index=index, start=start, last=last)
+
+        def confirm(found: Found) -> tuple[Index, bool]:
+            return _confirmed(found, self.named(index), start, last)
+
         self.take_chunk(begin - _RECORD, place, packing, size, confirm, checksum=checksum, vouched=vouched)
         return end
 
-    def _index(self, at: int) -> tuple[dict[int, Any], int]:
-        """Read the records of the index behind a chunk: entries by channel."""
-        index: dict[int, Any] = {}
+    def _index(self, at: int) -> tuple[dict[int, tuple[int, int]], int]:
+        """Read the records of the index behind a chunk: where entries begin and how many, by channel."""
+        index = {}
         while at + _RECORD + 6 <= len(self.data):
             code, length, channel, size = struct.unpack_from("<BQHI", self.data, at)
             if code != _INDEX or length != 6 + size or size % self.entry.itemsize:
                 break
-            begin, end = at + _RECORD + 6, at + _RECORD + length
+            end = at + _RECORD + length
             if end > len(self.data):
                 break
-            index[channel] = np.frombuffer(self.data[begin:end], self.entry)
+            index[channel] = at + _RECORD + _BEFORE_ENTRIES, size // self.entry.itemsize
             at = end
         return index, at
 
@@ -264,14 +266,14 @@ def _listed(content: bytes) -> Chunk:
     # Each index ends where the next begins.
     ends = [*(begin for begin, _ in begins[1:]), position + stored + length]
     before = _RECORD + _BEFORE_ENTRIES
-    index = [(n, at + before, (end - at - before) // 16) for (at, n), end in zip(begins, ends, strict=False)]
+    index = {n: (at + before, (end - at - before) // 16) for (at, n), end in zip(begins, ends, strict=False)}
     return Chunk(
         position=position,
         stored=stored,
         unpack=partial(_contents, told=(packing, *sizes)),
         slow=bool(packing),
         first=first,
-        index=tuple(index) or _walk,
+        index=index or _walk,
     )
 
 
@@ -326,11 +328,11 @@ def records(raw: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
         at += length
 
 
-def _confirmed(found: Found, index: dict[int, Any], start: int, last: int) -> tuple[Index, bool]:
+def _confirmed(
+    found: Found, named: dict[int, set[tuple[int, int]]], start: int, last: int
+) -> tuple[Index, bool]:
     """Keep the messages that the index names at the same place and time; tell if it and they are the same."""
     # Those of channels without an index, which may be left out or cut off, must lie within the chunk's times.
-    pairs = {number: (own["time"].tolist(), own["place"].tolist()) for number, own in index.items()}
-    named = {number: set(zip(*pair, strict=True)) for number, pair in pairs.items()}
     rows = record_file.rows_of(found)
     # A record begins with 9 bytes, a message with 22.
     keep = [
@@ -338,7 +340,7 @@ def _confirmed(found: Found, index: dict[int, Any], start: int, last: int) -> tu
         for channel, time, begin, _ in rows.tolist()
     ]
     kept = rows[np.array(keep, dtype=bool)]
-    counted = all(np.count_nonzero(rows[:, 0] == number) == len(entries) for number, entries in index.items())
+    counted = all(np.count_nonzero(rows[:, 0] == number) == len(own) for number, own in named.items())
     return kept, len(kept) == len(found) and counted
 
 

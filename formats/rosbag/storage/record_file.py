@@ -16,12 +16,16 @@ import numpy as np
 from rosbags.interfaces import Connection
 
 from formats.limits import CHUNK_BYTES, Allowance, TooMuchError, unpacked_limit
-from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Entries, Run, locate, opened, runs
-from formats.rosbag.storage.raw_messages import CORRUPT, WILD, unpack, widen
-from formats.rosbag.storage.stored_file import Found, Index, Piece, Row, Span, StoredFile, by_connection
+from formats.recovery import Span, lost_between
+from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Entries, Layout, Run, locate, runs
+from formats.rosbag.storage.raw_messages import CORRUPT, WILD, Index, unpack, widen
+from formats.rosbag.storage.stored_file import StoredFile, by_connection
 
 #: By code and number of a record: whether a checksum vouches for it, and what it says.
 Told = dict[tuple[int, int], list[tuple[bool, Any]]]
+#: A message: connection, log time in ns, where the payload begins in the contents, its size.
+Row = tuple[int, int, int, int]
+Found = Sequence[tuple[int, ...]]  # Rows, perhaps with more at the end of each
 
 #: Bytes behind damage in a growing file in which a chunk begins. Judged: recorders write chunks of some MB.
 _SEARCHED = 16 << 20
@@ -35,34 +39,35 @@ class CutOffError(BrokenRecordError):
     """A record ends beyond the file; of one that is still written, the rest will come."""
 
 
-class RecordFile(StoredFile):
+class RecordFile(StoredFile, Layout):
     """What can be read of a file of records: by its index where it must be whole, else record by record."""
 
-    # Of one that must be whole, all that does not add up is a BrokenRecordError, or another of `DAMAGE`.
+    # Of one that must be whole, all that does not add up is a BrokenRecordError, or another of `DAMAGE`. The
+    # layout is that of its own index.
 
     #: How the file begins, and the code of the records that describe a connection.
     magic: bytes
     describes: int
-    entry: np.dtype[Any]  # Of its own index
     is_damaged = is_cut = ""  # What is said behind a place that is damaged, and behind one that is cut off
 
     def __init__(self, path: Path, *, salvage: bool = False) -> None:
         super().__init__(path)
         self.salvage = salvage  # It need not be whole
-        #: By the index: the chunks, and how many messages each connection has in them.
+        #: What has messages, by the index, or as it was found; and by the index how many each connection has.
         self.chunks: list[Chunk] = []
         self.counts: Counter[int] = Counter()
+        self._layout: Layout = self
         #: Where the next record begins, and whether the last one was read.
         self.at = len(self.magic)
         self.ended = False
         self.growing = False  # The file is still being written: what is cut off is waited for
-        #: There is more than was asked for; and pieces that were handed over.
+        #: There is more than was asked for; and chunks that were handed over.
         self.full, self._handed = False, 0
         self.told: Told = {}  # What the file says of its connections
         #: First and last log time of what can be read, as it lies in the file; None where something is lost.
         self.walk: list[Span | None] = []
         self.unchecked = False  # No checksum vouches for some of it
-        #: Messages in no chunk, as rows of a piece, places being those in the file.
+        #: Messages in no chunk, places being those in the file.
         self._loose: list[Row] = []
 
     def indexed(self) -> bool:
@@ -79,15 +84,24 @@ class RecordFile(StoredFile):
 
     def least(self, number: int, begin: int, count: int) -> int:
         """Take in what the index says of one connection in one chunk; return its least log time in ns."""
-        entries = np.frombuffer(self.data[begin : begin + count * self.entry.itemsize], self.entry)
-        if len(entries) < count:
+        times, _ = self._indexed_at(begin, count)
+        if len(times) < count:
             raise CutOffError("an index")
-        times, _ = self.entries(entries)
         widen(self.spans, number, times)
         self.counts[number] += count
         return int(times.min())
 
-    def scan(self) -> dict[int, Connection]:
+    def named(self, index: dict[int, tuple[int, int]]) -> dict[int, set[tuple[int, int]]]:
+        """Return the times and places that an index names, by connection."""
+        found = {number: self._indexed_at(*place) for number, place in index.items()}
+        return {n: set(zip(times.tolist(), at.tolist(), strict=True)) for n, (times, at) in found.items()}
+
+    def _indexed_at(self, begin: int, count: int) -> tuple[Index, Index]:
+        end = begin + count * self.entry.itemsize
+        return self.entries(np.frombuffer(self.data[begin:end], self.entry))
+
+    def scan(self) -> tuple[dict[int, Connection], Iterator[tuple[int, Index]]]:
+        self._layout = RowLayout()
         self.recovery.bytes_read = at = self.at
         size = len(self.data)
         while at < size and not self.ended:
@@ -105,7 +119,8 @@ class RecordFile(StoredFile):
         end = self.account()
         self.recovery.checked = not self.unchecked
         self.recovery.lost = lost_between(self.walk, end) if self.recovery.damaged else []
-        return self.known()
+        own = (of for one in self.chunks if not callable(one.index) for of in one.index.items())
+        return self.known(), ((number, rows["time"]) for number, rows in own if not isinstance(rows, tuple))
 
     def grow(self, file: BinaryIO, most: int) -> list[Run]:
         """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it."""
@@ -124,16 +139,16 @@ class RecordFile(StoredFile):
                 self.at = self._next(size)
         self.full = limit <= self.at < size
         self.end_loose()
-        pieces, self.pieces, self.walk = self.pieces, [], []
+        chunks, self.chunks, self.walk = self.chunks, [], []
         if self.told_of().keys() != {connection.id for connection in self.connections}:
             self.connections = list(self.known().values())
         known = {connection.id for connection in self.connections}
         found = []
-        for rank, chunk in enumerate(map(as_chunk, pieces), self._handed):
+        for rank, chunk in enumerate(chunks, self._handed):
             # Not read from the file, whose buffer may be older than what was written meanwhile.
             raw = chunk.unpack(self.data[chunk.position : chunk.position + chunk.stored])
             found.append(locate(file, [(rank, chunk, raw)], {}, known, RowLayout()))
-        self._handed += len(pieces)
+        self._handed += len(chunks)
         if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             # Else a process seems to hold all of the file that it has seen.
             self.data.madvise(mmap.MADV_DONTNEED)
@@ -199,7 +214,15 @@ class RecordFile(StoredFile):
         self.recovery.aside += len(found) - len(kept)
         self.walk += timeline(found, kept)
         if len(kept):
-            self.pieces.append(Piece(kept, place.start, place.stop - place.start, load))
+            chunk = Chunk(
+                position=place.start,
+                stored=place.stop - place.start,
+                unpack=load,
+                slow=load is not bytes,
+                first=int(kept[:, 1].min()),
+                index={number: RowLayout.of(rows) for number, rows in by_connection(kept)},
+            )
+            self.chunks.append(chunk)
 
     def told_of(self) -> dict[int, list[tuple[bool, Any]]]:
         """Return what the file says of each connection, by its number."""
@@ -239,12 +262,7 @@ class RecordFile(StoredFile):
             self.walk.append(None)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        if self.chunks:
-            yield from runs(opened(self.file), self.chunks, wanted, self, size)
-            return
-        numbers = np.array(sorted(wanted), dtype=np.int64)
-        pieces = [piece for piece in self.pieces if np.isin(piece.rows[:, 0], numbers).any()]
-        yield from runs(opened(self.file), list(map(as_chunk, pieces)), wanted, RowLayout(), size)
+        yield from runs(self.file, self.chunks, wanted, self._layout, size)
 
     @property
     def rest(self) -> int:
@@ -254,14 +272,6 @@ class RecordFile(StoredFile):
     @abstractmethod
     def read_index(self) -> bool:
         """Fill `chunks` and `counts` by the index of a whole file; False where it has none."""
-
-    @abstractmethod
-    def entries(self, of: Entries) -> tuple[Index, Index]:
-        """Read log times and places from its index, as `chunks.Layout` has it."""
-
-    @abstractmethod
-    def payloads(self, buffer: bytes, number: int, entries: Entries, records: Index) -> tuple[Index, Index]:
-        """Find the payloads of messages that its index names, as `chunks.Layout` has it."""
 
     @abstractmethod
     def record(self, at: int) -> int:
@@ -308,9 +318,14 @@ def join_told(told: Told, more: Told) -> None:
 
 
 class RowLayout:
-    """Of rows of pieces, which were looked at when they were found."""
+    """Of rows of messages, which were looked at when they were found."""
 
     entry = np.dtype([("time", "<i8"), ("place", "<i8"), ("size", "<i8")])
+
+    @classmethod
+    def of(cls, rows: Index) -> Entries:
+        """Return what rows of one connection are as entries."""
+        return np.ascontiguousarray(rows[:, 1:]).view(cls.entry).ravel()
 
     def entries(self, of: Entries) -> tuple[Index, Index]:
         return of["time"], of["place"]
@@ -331,20 +346,8 @@ def contents(
     return raw
 
 
-def as_chunk(piece: Piece) -> Chunk:
-    """Return a piece as what `chunks.runs` reads; its index is known."""
-    return Chunk(
-        position=piece.begin,
-        stored=piece.stored,
-        unpack=piece.unpack,
-        slow=piece.unpack is not bytes,
-        first=int(piece.rows[:, 1].min()),
-        index=lambda _: {n: np.ascontiguousarray(own[:, 1:]) for n, own in by_connection(piece.rows)},
-    )
-
-
 def rows_of(found: Found) -> Index:
-    """Return the table of a piece as `Piece.rows` has it; times beyond the year 2262 are left out."""
+    """Return messages as a table, shape (n, 4); times beyond the year 2262 are left out."""
     return np.array([row[:4] for row in found if 0 <= row[1] < 2**63], dtype=np.int64).reshape(-1, 4)
 
 
@@ -365,26 +368,3 @@ def timeline(found: Index, kept: Index) -> list[Span | None]:
             times = found[part, 1]
             spans.append((int(times.min()), int(times.max())) if right[part[0]] else None)
     return spans
-
-
-def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
-    """Return the log times (ns) between which something of `timeline` was lost, up to the `end` if known."""
-    lost: list[tuple[int | None, int | None]] = []
-    before: int | None = None
-    waiting = False
-    for span in spans:
-        if span is None:
-            waiting = True
-            continue
-        first, last = span
-        if waiting:
-            after = first if before is None else max(first, before)
-            if lost and lost[-1][1] == before is not None:
-                lost[-1] = lost[-1][0], after
-            else:
-                lost.append((before, after))
-            waiting = False
-        before = last if before is None else max(before, last)
-    if waiting:
-        lost.append((before, max(end, before) if end is not None and before is not None else end))
-    return lost

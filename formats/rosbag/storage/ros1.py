@@ -22,9 +22,8 @@ from formats.rosbag.definitions import msg_text
 from formats.rosbag.storage import record_file
 from formats.rosbag.storage import ros1_records as records
 from formats.rosbag.storage.chunks import Chunk, Entries, Run
-from formats.rosbag.storage.raw_messages import numbers_at, unpack
-from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, Told
-from formats.rosbag.storage.stored_file import Found, Index
+from formats.rosbag.storage.raw_messages import Index, numbers_at, unpack
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, Found, RecordFile, Told
 
 _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
 _LONGEST_CHUNK_HEADER = 80  # The header of a chunk has three short fields
@@ -61,7 +60,7 @@ class Ros1File(RecordFile):
             packing, index = record.fields.get(b"compression", b"").decode(), self._index(record.end)[0]
             if record.code != records.CHUNK or len(index) != connections:
                 raise BrokenRecordError(f"the chunk at byte {position:,} or its index")
-            firsts = [self.least(number, begin, count) for number, begin, count in index if count]
+            firsts = [self.least(number, begin, count) for number, (begin, count) in index.items() if count]
             if firsts:
                 chunk = Chunk(
                     position=record.begin,
@@ -69,7 +68,7 @@ class Ros1File(RecordFile):
                     unpack=partial(unpack, packing=packing),
                     slow=packing != "none",
                     first=min(firsts),
-                    index=tuple(index),
+                    index=index,
                 )
                 self.chunks.append(chunk)
         return True
@@ -167,7 +166,10 @@ class Ros1File(RecordFile):
         packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
         index, end = self._index(record.end)
         place, vouched = slice(record.begin, record.end), packing == "bz2"
-        confirm = partial(_settled, index=self._named(index))
+
+        def confirm(found: Found) -> tuple[Index, bool]:
+            return _settled(found, self.named(index))
+
         self.take_chunk(at, place, packing, size, confirm, vouched=vouched)
         return end
 
@@ -181,18 +183,9 @@ class Ros1File(RecordFile):
         self.unchecked = True
         self.take(rows, record_file.tame(rows), place)
 
-    def _named(self, index: list[tuple[int, int, int]]) -> dict[int, set[tuple[int, int]]]:
-        """Return the times and places that an index names, by connection."""
-        named = {}
-        for number, begin, count in index:
-            own = np.frombuffer(self.data[begin : begin + count * self.entry.itemsize], self.entry)
-            times, places = self.entries(own)
-            named[number] = set(zip(times.tolist(), places.tolist(), strict=True))
-        return named
-
-    def _index(self, at: int) -> tuple[list[tuple[int, int, int]], int]:
-        """Read the records of the index behind a chunk: connections, where their entries begin, how many."""
-        index = []
+    def _index(self, at: int) -> tuple[dict[int, tuple[int, int]], int]:
+        """Read the records of the index behind a chunk: where entries begin and how many, by connection."""
+        index = {}
         while at < len(self.data):
             try:
                 record = records.read_record(self.data, at)
@@ -203,7 +196,7 @@ class Ros1File(RecordFile):
                     break
             except (BrokenRecordError, struct.error):
                 break
-            index.append((connection, record.begin, count))
+            index[connection] = record.begin, count
             at = record.end
         return index, at
 

@@ -1,39 +1,25 @@
-"""One file of a bag, and the pieces of it that can be read: a message as it was recorded, or not at all."""
+"""One file of a bag, and what of it can be read: a message as it was recorded, or not at all."""
 
 import mmap
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 
 from formats.limits import Allowance
 from formats.recovery import Recovery
-from formats.rosbag.storage.raw_messages import Messages, widen
-
-Index = NDArray[np.int64]
-Span = tuple[int, int]
-Row = tuple[int, int, int, int]  # A message as a row of a piece
-Found = Sequence[tuple[int, ...]]  # Rows of a piece, perhaps with more at the end of each
-
-
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """Messages that lie together, each vouched for by all that the file says of it."""
-
-    #: Connection, log time in ns, where the payload begins in the contents, its size: shape (n, 4).
-    rows: Index
-    begin: int = 0  # Of the bytes in the file that `unpack` makes the contents of
-    stored: int = 0
-    unpack: Callable[[bytes], bytes | memoryview] = bytes
+from formats.rosbag.storage.raw_messages import Index, Messages, widen
 
 
 class StoredFile(ABC):
-    """What can be read of one file of a bag: by its index, or in pieces."""
+    """What can be read of one file of a bag: by its index, or what is found in it."""
+
+    file: BinaryIO
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -41,13 +27,12 @@ class StoredFile(ABC):
         #: First and last log time in ns of each connection, by its number, as far as they are known.
         self.spans: dict[int, tuple[int, int]] = {}
         self.recovery = Recovery()
-        self.pieces: list[Piece] = []
-        self.file: BinaryIO | None = None
+        self._held = ExitStack()
         self.data: mmap.mmap | bytes = b""
 
     def open(self) -> None:
-        """Read the index, or else find the readable pieces."""
-        self.file = self.path.open("rb")
+        """Read the index, or else find what can be read."""
+        self.file = self._held.enter_context(self.path.open("rb"))
         try:
             self.data = mmap.mmap(self.file.fileno(), 0, access=mmap.ACCESS_READ)
             self.recovery.bytes_expected = len(self.data)
@@ -56,15 +41,14 @@ class StoredFile(ABC):
                 # Whoever makes the file shorter while it is read would end a process that looks at it so.
                 self._unmap()
             else:
-                self._settle(self.scan())
+                self._settle(*self.scan())
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
         self._unmap()
-        if self.file is not None:
-            self.file.close()
+        self._held.close()
 
     def _unmap(self) -> None:
         if isinstance(self.data, mmap.mmap):
@@ -76,30 +60,24 @@ class StoredFile(ABC):
         return False
 
     @abstractmethod
-    def scan(self) -> dict[int, Connection]:
-        """Fill `pieces` and `recovery`; return the connections that are known, by their number."""
+    def scan(self) -> tuple[dict[int, Connection], Iterable[tuple[int, Index]]]:
+        """Find messages, and fill `recovery`; return known connections by number, and as for `_settle`."""
 
     @abstractmethod
     def runs(self, wanted: Collection[int], size: int) -> Iterator[dict[int, Messages]]:
         """Read the messages of some connections, none earlier than one of its connection before."""
 
-    def _settle(self, known: dict[int, Connection]) -> None:
-        """Keep the messages of known connections, and count them."""
-        numbers = np.array(sorted(known), dtype=np.int64)
-        kept = []
-        for piece in self.pieces:
-            right = np.isin(piece.rows[:, 0], numbers)
-            self.recovery.aside += int(np.count_nonzero(~right))
-            if right.any():
-                kept.append(replace(piece, rows=piece.rows[right]))
-        self.pieces = kept
-        counts: dict[int, int] = {}
-        for piece in kept:
-            for number, rows in by_connection(piece.rows):
-                widen(self.spans, number, rows[:, 1])
-                counts[number] = counts.get(number, 0) + len(rows)
-        self.connections = [one._replace(msgcount=counts.get(number, 0)) for number, one in known.items()]
-        self.recovery.read = sum(counts.values())
+    def _settle(self, known: dict[int, Connection], found: Iterable[tuple[int, Index]]) -> None:
+        """Count the messages of known connections: of each, several times, its number and log times in ns."""
+        counts: Counter[int] = Counter()
+        for number, times in found:
+            if number in known:
+                widen(self.spans, number, times)
+                counts[number] += len(times)
+            else:
+                self.recovery.aside += len(times)
+        self.connections = [one._replace(msgcount=counts[number]) for number, one in known.items()]
+        self.recovery.read = counts.total()
         self.recovery.first = min((start for start, _ in self.spans.values()), default=None)
         if self.recovery.expected is not None:
             self.recovery.expected = max(self.recovery.expected, self.recovery.read)
