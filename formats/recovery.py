@@ -157,7 +157,7 @@ class Recovery:
 
 
 def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
-    """Return the log times (ns) between which something was lost, up to the `end` if known; None in `spans`."""
+    """Return log times (ns) between which something, None in `spans`, was lost, up to the `end` if known."""
     lost: list[tuple[int | None, int | None]] = []
     before: int | None = None
     waiting = False
