@@ -196,12 +196,13 @@ class RecordFile(StoredFile, Layout):
         kept, agrees = (rows, True) if vouched else confirm(found)
         self.unchecked = self.unchecked or not vouched
         damage = "" if whole else "contradicts itself"
-        if packing not in {"", "none"} and not vouched and not (whole and agrees):
+        packed = packing not in {"", "none"}
+        if packed and not vouched and not (whole and agrees):
             # One changed byte of packed data changes others, and no index shows in which values.
             kept, damage = rows[:0], "contradicts its index"
         else:
             join_told(self.told, told)
-        self.take(rows, kept, place, load)
+        self.take(rows, kept, place, load if packed else bytes)
         if damage:
             self.lose(f"the chunk at byte {at:,} {damage}")
 
