@@ -69,6 +69,8 @@ class McapFile(RecordFile):
             raise BrokenRecordError("its footer")
         self._listing = True
         while at and not self.ended:
+            if set(self.data[at : at + 1]) <= {_MESSAGE, _CHUNK}:
+                raise BrokenRecordError(f"the record at byte {at:,} of its summary")
             at = self.record(at)
         self._listing = self.ended = False
         self._timed = bool(self.chunks)

@@ -54,6 +54,8 @@ class Ros1File(RecordFile):
         if self._chunks:
             at = self._index_at or at
             while self._indexed < self._promised:
+                if records.read_record(self.data, at).code not in {records.CONNECTION, records.CHUNK_INFO}:
+                    raise BrokenRecordError(f"the record at byte {at:,} of its index")
                 at = self.record(at)
         for position, connections in self._listed:
             record = records.read_record(self.data, position)
