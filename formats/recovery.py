@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 #: What to do about a damaged file.
 HINT = "add --salvage to read what is left of it"
 NS = 1e-9
+Span: TypeAlias = tuple[int, int]  # Of log time, in ns
 _TOLD = 3  # Damage of one kind is told so many times
 _BEGINNINGS = ("damaged: ", "salvaged: ", "lost: ")  # How the sentences begin that tell of it
 
@@ -153,3 +154,26 @@ class Recovery:
             "lost": [[None if end is None else end * NS for end in stretch] for stretch in self.lost],
             "checked": self.checked,
         }
+
+
+def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
+    """Return log times (ns) between which something, None in `spans`, was lost, up to the `end` if known."""
+    lost: list[tuple[int | None, int | None]] = []
+    before: int | None = None
+    waiting = False
+    for span in spans:
+        if span is None:
+            waiting = True
+            continue
+        first, last = span
+        if waiting:
+            after = first if before is None else max(first, before)
+            if lost and lost[-1][1] == before is not None:
+                lost[-1] = lost[-1][0], after
+            else:
+                lost.append((before, after))
+            waiting = False
+        before = last if before is None else max(before, last)
+    if waiting:
+        lost.append((before, max(end, before) if end is not None and before is not None else end))
+    return lost

@@ -84,6 +84,10 @@ class Inline:
         # The last first: as workers answer, in any order.
         return [self._done.pop()] if self._done else []
 
+    def do(self, task):
+        self.submit(0, task)
+        return self._done.pop()[1]
+
     def close(self):
         self._done.clear()
 

@@ -213,14 +213,6 @@ def test_texts_in_numbers_are_told_with_their_row(set_aside):
     set_aside(write("run.csv", text(rows)), {"no load": 2}, says=says)
 
 
-def test_rows_of_unequal_length(set_aside):
-    rows = good()
-    rows[10] = rows[10][:3]
-    rows[20] = [*rows[20], "1", "2"]
-    says = ("row 12 has 3 of 6 fields: the others are empty", "row 22 has 8 fields where the header names 6")
-    set_aside(write("run.csv", text(rows)), {"no sinkage": 1}, samples=N - 1, says=says)
-
-
 def test_nothing_that_can_be_used(folder, refused):
     untimed = write("run.csv", text([["", *row[1:]] for row in good()]))
     refused(untimed, 65, "none of 200 samples can be used (no time: 200)", kept=["rejects.csv"])
@@ -299,19 +291,6 @@ def test_a_bag_cut_in_the_middle(refused, run, bags, name, share):
     assert err.startswith(f"terrain-est: {name}: ")
 
 
-def test_a_bag_without_index(refused, bags):
-    content = bytearray(bags["run.bag"])
-    at = content.index(b"index_pos=") + len(b"index_pos=")
-    content[at : at + 8] = bytes(8)
-    refused(write("run.bag", bytes(content)), 65, "its index is missing", "rosbag reindex")
-
-
-def test_a_bag_with_a_hole(refused, bags):
-    content = bytearray(bags["run.bag"])
-    content[len(content) // 3 : len(content) // 3 + 4000] = bytes(4000)
-    refused(write("run.bag", bytes(content)), 65)
-
-
 def without_definition(path, topic="/odom"):
     """Write the sample drive with the definition of one topic's type left out."""
     from rosbags.rosbag1 import Reader, Writer
@@ -353,14 +332,6 @@ def test_a_parquet_file_that_is_not_whole(refused, cut):
     refused(write("run.parquet", Path("whole.parquet").read_bytes()[cut]), 65)
 
 
-def test_a_parquet_footer_that_is_corrupt(refused):
-    table = {name: np.array([float(row[j]) for row in good()]) for j, name in enumerate(HEADER)}
-    pq.write_table(pa.table(table), "whole.parquet")
-    content = bytearray(Path("whole.parquet").read_bytes())
-    content[-200:-100] = b"\xff" * 100
-    refused(write("run.parquet", bytes(content)), 65, "footer is missing or corrupt")
-
-
 def test_a_packed_table_that_is_cut(refused):
     cut = gzip.compress(text(good()).encode())[:-500]
     refused(write("run.csv.gz", cut), 65, "is cut off: its gzip data end too early")
@@ -368,13 +339,6 @@ def test_a_packed_table_that_is_cut(refused):
 
 def test_no_such_input(refused):
     refused("nothing.csv", 66, "no such file")
-
-
-def test_a_folder_without_logs(folder, run):
-    (folder / "day1").mkdir()
-    code, out, err = run("estimate", "day1")
-    assert (code, out) == (66, "")
-    assert "day1: no log in this folder" in err
 
 
 def test_one_bad_input_among_good_ones(folder, run):

@@ -119,7 +119,7 @@ def _chunks(path: Path, kind: str) -> list:
     file = Ros1File(path) if kind == "ros1" else McapReader(path)
     file.open()
     if kind == "ros1":
-        chunks = [(c.datapos, c.datasize, c.decompressor) for c in file.chunks.values()]
+        chunks = [(c.position, c.stored, c.unpack) for c in file.chunks]
     else:
         chunks = [
             (

@@ -1,35 +1,27 @@
 """Raw messages out of the files of a bag: ROS 1, MCAP, SQLite, and rosbag2 folders of these."""
 
-from __future__ import annotations
-
 import weakref
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, suppress
-from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+from rosbags.interfaces import Connection
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
 from formats.recovery import Recovery
 from formats.rosbag.bag_files import HINTS, Recording, check, damaged
-from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.raw_messages import CORRUPT, of_payloads, unpack
+from formats.rosbag.storage.chunks import RUN_BYTES, Run
+from formats.rosbag.storage.raw_messages import CORRUPT, Messages, of_payloads, unpack
+from formats.rosbag.storage.stored_file import StoredFile
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
-    from pathlib import Path
-
-    from rosbags.interfaces import Connection
-
-    from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.db3 import Db3File
-    from formats.rosbag.storage.mcap import McapFile
-    from formats.rosbag.storage.raw_messages import Messages
-    from formats.rosbag.storage.ros1 import Ros1File
-    from formats.rosbag.storage.salvaged_file import SalvagedFile
 
 #: What reads a file: its index with `open`, its messages in the order of their log times with `runs`.
 #: `spans` are first and last log time in ns of connections, by their number, where an index tells them.
-Reader: TypeAlias = "Ros1File | McapFile | Db3File | SalvagedFile"
+Reader: TypeAlias = "StoredFile | Db3File"
 
 LOST = "copy or record it again"  # What to do where not even salvage helps
 
@@ -126,15 +118,14 @@ class Container:
 
     def _opened(self) -> Iterator[Reader]:
         if self.recovery is None:
-            for file in self._recording.files:
-                yield self._open(file)
+            yield from map(self._open, self._recording.files)
             return
         errors: list[FormatError] = []
         found = False
         self.recovery.damage += self._recording.damage
         for file in self._recording.files:
             try:
-                reader = self._salvage(file)
+                reader = self._open(file)
             except FormatError as error:
                 errors.append(error)
                 self.recovery.damage.append(str(error).removeprefix(f"{self.path}: "))
@@ -152,49 +143,43 @@ class Container:
             self.recovery.lost.append((None, None))
         self._recording.complete(self.recovery)
 
-    def _salvage(self, file: Path) -> SalvagedFile:
-        name = self._recording.name(file)
-        check(file, self.kind, name, salvage=True)
-        reader: SalvagedFile = reader_of(file, self.kind, salvage=True)
+    def _open(self, file: Path) -> Any:
+        name, salvage = self._recording.name(file), self.recovery is not None
+        check(file, self.kind, name, salvage=salvage)
+        reader = reader_of(file, self.kind, salvage=salvage)
         try:
             reader.open()
-        except OSError:
-            raise
-        except TooMuchError as error:
-            raise damaged(name, self.kind, error) from error
-        except Exception as error:  # whatever is left of a file, a person reads one line
+        except Exception as error:  # damaged bytes make what reads them fail in any way
+            with suppress(Exception):
+                reader.close()
+            if salvage and isinstance(error, OSError):
+                raise
+            if not salvage or isinstance(error, TooMuchError):
+                raise damaged(name, self.kind, error) from error
             reason = " ".join(str(error).split())[:160] or type(error).__name__
             raise DamagedError(name, f"nothing can be read of it: {reason}", hint=LOST) from error
         self._stack.callback(reader.close)
-        if reader.recovery.damaged and not reader.recovery.read:
+        if salvage and reader.recovery.damaged and not reader.recovery.read:
             told = "; ".join(reader.recovery.damage[:2])
             raise DamagedError(name, f"nothing can be read of it: {told}", hint=LOST)
         return reader
 
-    def _open(self, file: Path) -> Reader:
-        name = self._recording.name(file)
-        check(file, self.kind, name)
-        reader: Reader = reader_of(file, self.kind, salvage=False)
-        try:
-            reader.open()
-        except Exception as error:  # rosbags answers damaged bytes with any exception there is
-            with suppress(Exception):
-                reader.close()
-            raise damaged(name, self.kind, error) from error
-        self._stack.callback(reader.close)
-        return reader
-
-
-#: By the kind of a file: what reads a whole one, and what reads one that is damaged or still written.
-_READERS = {
-    "ros1": ("ros1.Ros1File", "salvaged_ros1.SalvagedRos1"),
-    "mcap": ("mcap.McapFile", "salvaged_mcap.SalvagedMcap"),
-    "db3": ("db3.Db3File", "salvaged_db3.SalvagedDb3"),
-}
-
 
 def reader_of(file: Path, kind: str, *, salvage: bool) -> Any:
-    """Return what reads a file; not opened yet."""
-    # What rosbags imports to read ROS 2 takes longer than to read a minute of ROS 1.
-    module, _, name = _READERS[kind][salvage].partition(".")
-    return getattr(import_module(f"formats.rosbag.storage.{module}"), name)(file)
+    """Return what reads a file that is whole, or with `salvage` damaged or still written; not opened yet."""
+    # To import what reads the other kinds takes longer than to read a minute of one.
+    if kind == "ros1":
+        from formats.rosbag.storage.ros1 import Ros1File
+
+        return Ros1File(file, salvage=salvage)
+    if kind == "mcap":
+        from formats.rosbag.storage.mcap import McapFile
+
+        return McapFile(file, salvage=salvage)
+    if salvage:
+        from formats.rosbag.storage.salvaged_db3 import SalvagedDb3
+
+        return SalvagedDb3(file)
+    from formats.rosbag.storage.db3 import Db3File
+
+    return Db3File(file)

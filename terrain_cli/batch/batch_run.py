@@ -261,12 +261,8 @@ def _assemble(folder: Folder, order: Order) -> None:
     if b"".join(manifest.lines(folder.path / ASSEMBLED)) == note():
         return
     with closing(LocalPool(1)) as desk:
-        desk.submit(0, Assemble(str(folder.path), parts, account, order.configuration, kinds))
-        done: list[tuple[int, Reply]] = []
-        while not done:
-            done = desk.collect(_TICK)
-    why = done[0][1].failure
-    if why:
+        made = desk.do(Assemble(str(folder.path), parts, account, order.configuration, kinds))
+    if why := made.failure:
         text = f"the table of all inputs: {why.error}"
         if why.error_class == "WorkerLostError":
             # Nothing is lost: the same command makes the table of what it has.

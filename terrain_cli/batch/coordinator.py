@@ -4,6 +4,7 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from typing import Any
 
 from formats.errors import NotFoundError
 from formats.recovery import told
@@ -163,12 +164,11 @@ class Keeper:
                 continue
             key = self._key(case)
             record = None if self._order.force else self._folder.record(key)
-            if record is not None:
-                case.restored, case.configuration = True, key[1]
-            self._folder.holders[case.sha256, self._configuration(case)] = case.item.location
             task: Task = Estimate(case.item, self._order, case.sha256)
             if record is not None:
+                case.restored, case.configuration = True, key[1]
                 task = Restore(case.item, self._order, case.sha256, record)
+            self._folder.holders[case.sha256, self._configuration(case)] = case.item.location
             self._ready.append((case, task))
 
     def _leave(self, item: Input, entry: ManifestEntry) -> None:
@@ -196,9 +196,8 @@ class Keeper:
             self._finish(case, reply)
 
     def _duplicate(self, case: _Case, holder: str) -> None:
-        entry = self._entry(case, Reply(sha256=case.sha256))
-        entry = replace(entry, configuration=self._key(case)[1], status="duplicate", exit_code=None)
-        entry = replace(entry, duplicate_of=self._paths[holder])
+        told: dict[str, Any] = {"configuration": self._key(case)[1], "status": "duplicate", "exit_code": None}
+        entry = replace(self._entry(case, Reply()), **told, duplicate_of=self._paths[holder])
         before = self._folder.latest.get(case.item.location)
         self._folder.remove(before.result if before else None)
         self._write(case, entry)
@@ -255,9 +254,14 @@ class Keeper:
         """Write down what was kept before, is damaged now, and was not among the inputs."""
         for entry in list(self._folder.latest.values()):
             if entry.status == "ok" and (str(entry.sha256), entry.configuration) not in self._folder.kept:
-                text, hint = f"{entry.path}: what was kept of it is damaged", "give it as an input again"
-                failed = replace(entry, status="failed", error_class="DamagedError", error=text, hint=hint)
-                failed = replace(failed, exit_code=65, passing=True, record=None)
+                why = Failure(
+                    "DamagedError",
+                    f"{entry.path}: what was kept of it is damaged",
+                    "give it as an input again",
+                    65,
+                    passing=True,
+                )
+                failed = replace(entry, status="failed", record=None, **vars(why))
                 self._folder.add(failed)
                 self.tally.failures[entry.location] = failed
 

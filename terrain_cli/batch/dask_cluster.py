@@ -8,14 +8,12 @@ import contextlib
 import logging
 import queue
 import threading
-import time
-from multiprocessing.connection import wait
 from typing import Any
 from uuid import uuid4
 
 from terrain_cli import version
-from terrain_cli.batch.worker_pool import Child
-from terrain_cli.batch.worker_tasks import Failure, Reply, Task, versions
+from terrain_cli.batch.worker_pool import LocalPool
+from terrain_cli.batch.worker_tasks import Failure, Reply, Task, differing, versions
 from terrain_cli.errors import ConfigurationError, TerrainError, UsageError
 
 #: Seconds to reach the scheduler, and for a first worker to be there.
@@ -155,10 +153,7 @@ def _check_versions(address: str, client: Any) -> None:
         if not isinstance(theirs, dict):
             what = f"cannot say its versions ({type(theirs).__name__}: {theirs})"
         else:
-            what = ", ".join(
-                f"{'has ' * (not n)}{name} {theirs.get(name)} instead of {own[name]}"
-                for n, name in enumerate(name for name in own if theirs.get(name) != own[name])
-            )
+            what = differing(own, theirs)
         if what:
             same = f"install terrain-est {own['terrain-est']} and the same versions"
             hint = f"{same} of Python and its packages everywhere"
@@ -167,28 +162,11 @@ def _check_versions(address: str, client: Any) -> None:
 
 def run_apart(task: Task, timeout: float | None, memory: int | None) -> Reply:
     """Do a task in a process beside the worker: what the cluster calls."""
-    child: Child | None = getattr(_of_thread, "child", None)
-    if child is None or not child.alive or _of_thread.limits != (timeout, memory):
-        if child is not None:
-            child.close()
-        child = _of_thread.child = Child(timeout, memory)
-        _of_thread.limits = timeout, memory
-    reply = None if child.ready else _answer(child)
-    if reply is None:
-        child.begin(task)
-        reply = _answer(child)
-    if reply is None:
-        raise TypeError("a worker process answered a task with nothing")
-    if not child.alive:
-        child.close()
-        _of_thread.child = None
-    return reply
-
-
-def _answer(child: Child) -> Reply | None:
-    """Wait for a process to be ready, or for its answer."""
-    while True:
-        wait([child.fileno()], min(max(child.deadline - time.monotonic(), 0.0), 60.0))
-        reply = child.collect()
-        if reply is not None or child.ready:
-            return reply
+    limits = timeout, memory
+    before, pool = getattr(_of_thread, "pool", (None, None))
+    if pool is None or before != limits:
+        if pool is not None:
+            pool.close()
+        pool = LocalPool(1, *limits)
+        _of_thread.pool = limits, pool
+    return pool.do(task)

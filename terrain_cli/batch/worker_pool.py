@@ -244,6 +244,13 @@ class LocalPool:
                 self._busy[child] = ticket, None
         return done
 
+    def do(self, task: Task) -> Reply:
+        """Do one task, and wait for its answer."""
+        self.submit(0, task)
+        while not (done := self.collect(60.0)):
+            pass
+        return done[0][1]
+
     def close(self) -> None:
         children = (*self._idle, *self._busy)
         for child in children:

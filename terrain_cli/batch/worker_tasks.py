@@ -99,6 +99,12 @@ def versions() -> dict[str, str]:
     return own | {name: _installed(name) for name in _LIBRARIES}
 
 
+def differing(wanted: dict[str, str], there: dict[str, str]) -> str:
+    """Say which versions are not those wanted; nothing where all are."""
+    odd = [f"{name} {there.get(name)} instead of {v}" for name, v in wanted.items() if there.get(name) != v]
+    return f"has {', '.join(odd)}" if odd else ""
+
+
 @dataclass(frozen=True)
 class Failure:
     """Why there is no result."""
@@ -255,12 +261,8 @@ def opened(item: Input, largest: int) -> Iterator[str]:
 
 
 def _check_versions(keeper: dict[str, str]) -> None:
-    own = versions()
-    others = {name: number for name, number in keeper.items() if own.get(name) != number}
-    differ = [f"{name} {own.get(name)} instead of {number}" for name, number in others.items()]
-    if differ:
-        hint = "install the same versions everywhere"
-        raise WorkerDiffersError(f"a worker has {', '.join(differ)}", hint=hint)
+    if differ := differing(keeper, versions()):
+        raise WorkerDiffersError(f"a worker {differ}", hint="install the same versions everywhere")
 
 
 class WorkerDiffersError(TerrainError):

@@ -16,7 +16,7 @@ from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.rover import Rover
 from terrain_cli.rover.vehicle import FILE_NAME
-from terrain_cli.telemetry import bags, rover_advice, topic_discovery
+from terrain_cli.telemetry import raw_channels, rover_advice, topic_discovery
 from terrain_cli.telemetry.alignment import seconds
 from terrain_cli.telemetry.assembly import Request, assemble, lacking, wheel_of
 from terrain_cli.telemetry.mapping import is_table, plan
@@ -77,7 +77,7 @@ def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Hold
     """Find the channels of every wheel of a log; what is missing is no error."""
     layout = plan(source, rover)
     request = Request(layout=layout, rover=rover, wheels=wheels)
-    tables = None if is_table(source) else read_topics(source, bags.fields(request))
+    tables = None if is_table(source) else read_topics(source, raw_channels.fields(request))
     raws = read_raw(request, [], tables)
     clock = layout.no_time
     doubts = (

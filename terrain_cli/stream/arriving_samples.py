@@ -11,7 +11,7 @@ import numpy as np
 from formats import LOG_TIME
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import alignment, bags, own_clocks, raw_channels, raw_columns
+from terrain_cli.telemetry import alignment, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.usable_samples import BACKWARDS, is_aside
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples
-    from terrain_cli.telemetry.bags import TopicClocks
+    from terrain_cli.telemetry.raw_channels import TopicClocks
     from terrain_cli.vocabulary.arrays import Array
 
     Effects = tuple[Effect, ...] | None  # Of the full model; None for the line
@@ -105,7 +105,7 @@ class RowSamples(ArrivingSamples):
     def __init__(self, rows: ArrivingRows, rover: Rover, settings: Settings, effects: Effects) -> None:
         super().__init__(rows, rover, settings, effects)
         request = self._reader.request
-        rows.wanted = raw_channels.fields(request)
+        rows.wanted = raw_channels.fields(request)[""]
         self._rows = rows
         self._label = request.layout.labels.get("", "")
         self._before: dict[str, Batch] = {}
@@ -162,7 +162,7 @@ class RowSamples(ArrivingSamples):
             wheels = sorted(request.layout.wheels) or [""]
             return wheels if labels is None else [name for name in labels.names if name in self.count]
 
-        for raw in raw_channels.wheels(request, table, (), choose):
+        for raw in raw_channels.of_table(request, table, (), choose):
             if len(raw) and (found := own_clocks.find(raw)):
                 what = f"{self._rows.label}: {found.slowest} is filled in fewer rows than others"
                 hint = "send every channel of a wheel in one row, or record it and run estimate"
@@ -179,7 +179,7 @@ class MessageSamples(ArrivingSamples):
     def __init__(self, bag: ArrivingBag, rover: Rover, settings: Settings, effects: Effects) -> None:
         super().__init__(bag, rover, settings, effects)
         request = self._reader.request
-        bag.wanted = bags.fields(request)
+        bag.wanted = raw_channels.fields(request)
         self._gap = rover.max_gap
         self._empty = {topic: raw_columns.empty(names) for topic, names in bag.wanted.items()}
         self._held: dict[str, dict[str, Column]] = dict(self._empty)
@@ -217,7 +217,7 @@ class MessageSamples(ArrivingSamples):
         if self._clocks is None:
             if not (last or self._settled()):
                 return
-            self._clocks = bags.topic_clocks(self._held)
+            self._clocks = raw_channels.topic_clocks(self._held)
         times = self._clocks.times(self._held)
         until = np.inf
         if not last:

@@ -92,7 +92,7 @@ def _begun(request: Request, rows: int | None) -> list[Batch] | Iterator[Batch]:
     """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
     if rows is None or not is_table(request.layout.source):
         return []
-    return raw_columns.begin(request.layout.source, raw_channels.fields(request), rows)
+    return raw_columns.begin(request.layout.source, raw_channels.fields(request)[""], rows)
 
 
 def _whole(request: Request, batches: list[Batch]) -> list[Samples]:

@@ -12,7 +12,6 @@ from formats.recovery import Notice, told
 from terrain_cli.processes import keep_freed
 from terrain_cli.telemetry import (
     alignment,
-    bags,
     own_clocks,
     plausibility,
     raw_channels,
@@ -20,10 +19,9 @@ from terrain_cli.telemetry import (
     usable_samples,
 )
 from terrain_cli.telemetry.assembly import Request, assemble, check
-from terrain_cli.telemetry.bags import TopicClocks
 from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.own_clocks import OwnClocks
-from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
+from terrain_cli.telemetry.raw_channels import TopicClocks, choose_wheels, labels_there
 from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
 from terrain_cli.telemetry.wheel_samples import COLUMNS, TABLES, Raw, Samples
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
@@ -133,7 +131,7 @@ class PartReader:
         """Yield the samples of the rows from first to last; the others are their neighbours."""
         request, layout, rover = self.request, self.request.layout, self.request.rover
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
-        raws = raw_channels.wheels(request, table, [*request.extras, _ROW], self._choose)
+        raws = raw_channels.of_table(request, table, [*request.extras, _ROW], self._choose)
         self._nameless += raw_channels.nameless(layout, table, slice(first, last))
         check(request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
@@ -145,13 +143,13 @@ class PartReader:
 
     def check(self, tables: Mapping[str, dict[str, Column]]) -> None:
         """Refuse a bag of which something is missing."""
-        check(self.request, bags.wheels(self.request, tables, self._choose))
+        check(self.request, raw_channels.of_topics(self.request, tables, self._choose))
 
     def topics(
         self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
     ) -> Iterator[Samples]:
         """Yield the samples of a bag later than one time and not than another (s), of the messages about."""
-        raws = bags.wheels(self.request, tables, self._choose, clocks)
+        raws = raw_channels.of_topics(self.request, tables, self._choose, clocks)
         check(self.request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             self._ends.setdefault(raw.wheel, _End(clocks=None))

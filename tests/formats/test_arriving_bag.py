@@ -73,6 +73,10 @@ class Recorder:
             file.write(data)
         self.look()
 
+    def append_all(self, data, step):
+        for begin in range(0, len(data), step):
+            self.append(data[begin : begin + step])
+
     def look(self):
         """Take what is there; the file is opened once its first bytes tell what it is."""
         if self.bag is None and self.path.stat().st_size >= 16:
@@ -124,12 +128,10 @@ def test_messages_come_as_they_are_appended(kind, packing, tmp_path):
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_a_byte_at_a_time(kind, tmp_path):
-    some = list(rows(25))
-    path = finished(tmp_path, kind, some=some)
+    path = finished(tmp_path, kind, some=rows(25))
     data, recorder = path.read_bytes(), Recorder(tmp_path / "growing", kind)
     recorder.append(data[:4000])
-    for byte in data[4000:9000]:
-        recorder.append(bytes([byte]))
+    recorder.append_all(data[4000:9000], 1)
     recorder.append(data[9000:])
     assert recorder.bag.ended
     assert_same(recorder.messages, whole(path))
@@ -151,9 +153,7 @@ def test_messages_in_no_chunk_and_checksums(tmp_path):
                 writer.add_message(channels[channel.topic], message.log_time, message.data, message.log_time)
             writer.finish()
         recorder = Recorder(tmp_path / f"growing-{chunked}", "mcap")
-        data = copy.read_bytes()
-        for begin in range(0, len(data), 100):
-            recorder.append(data[begin : begin + 100])
+        recorder.append_all(copy.read_bytes(), 100)
         assert recorder.bag.ended
         assert recorder.bag.faults() == []
         assert_same(recorder.messages, whole(path))
@@ -183,8 +183,7 @@ def test_ros_1_writes_its_open_chunk_message_by_message(tmp_path):
     recorder = Recorder(tmp_path / "growing", "ros1")
     for end in range(4400, begin + size, 200):
         recorder.append(blank[recorder.path.stat().st_size if recorder.path.exists() else 0 : end])
-    early = recorder.bag.count
-    assert early > 5
+    assert recorder.bag.count > 5
     recorder.path.write_bytes(data)
     recorder.look()
     recorder.look()
@@ -209,9 +208,8 @@ def test_a_packed_chunk_is_waited_for_until_it_is_closed(tmp_path):
 def test_a_publisher_that_joins_later(tmp_path):
     some = [(*row, "late" if n > 50 else "early") for n, row in enumerate(rows())]
     path = finished(tmp_path, "ros1", some=some)
-    data, recorder = path.read_bytes(), Recorder(tmp_path / "growing", "ros1")
-    for begin in range(0, len(data), 1000):
-        recorder.append(data[begin : begin + 1000])
+    recorder = Recorder(tmp_path / "growing", "ros1")
+    recorder.append_all(path.read_bytes(), 1000)
     assert_same(recorder.messages, whole(path))
 
 
@@ -236,8 +234,7 @@ def test_damage_is_passed_over_and_told(kind, tmp_path):
     data, recorder = path.read_bytes(), Recorder(tmp_path / "growing", kind)
     begin = data.index(b"op=\x05", len(data) // 2) - 30 if kind == "ros1" else boundary(data)
     damaged = data[:begin] + b"\xff" * 60 + data[begin + 60 :]
-    for at in range(0, len(damaged), 1000):
-        recorder.append(damaged[at : at + 1000])
+    recorder.append_all(damaged, 1000)
     expected = formats.open_source(str(recorder.path), salvage=True)
     assert 0 < len(list(rows())) - recorder.bag.count < 40
     assert recorder.bag.count == expected.recovery.read
@@ -249,13 +246,12 @@ def test_damage_without_an_end_is_told_in_one_line(kind, tmp_path):
     data = finished(tmp_path, kind).read_bytes()
     recorder = Recorder(tmp_path / "growing", kind)
     recorder.append(data[: len(data) // 2] + b"\xff" * 100_000)
-    before = recorder.bag.count
-    assert before > 0
-    rest = b"\xff" * (17 << 20)
+    assert recorder.bag.count > 0
     with pytest.raises(formats.DamagedError, match="corrupt or cut off"):
-        recorder.append(rest)
+        recorder.append(b"\xff" * (17 << 20))
 
 
+OPEN = "import os, sqlite3, sys; f = sqlite3.connect(sys.argv[1], isolation_level=None)"
 WRITER = """
 import sqlite3, sys
 source, target, mode = sys.argv[1:]
@@ -327,10 +323,8 @@ def test_a_database_is_read_as_it_is_written(tmp_path):
 def test_a_recorder_that_died_within_a_commit(tmp_path):
     """Its journal undoes what it wrote last; nothing is read that is perhaps half of it."""
     path = finished(tmp_path, "db3")
-    code = "import os, sqlite3, sys; f = sqlite3.connect(sys.argv[1], isolation_level=None)"
-    code += "; f.execute('PRAGMA synchronous=OFF')"
-    code += "; f.execute('BEGIN'); f.execute('DELETE FROM messages'); os.kill(os.getpid(), 9)"
-    subprocess.run([sys.executable, "-c", code, path], check=False)
+    code = "f.execute('PRAGMA synchronous=OFF'); f.execute('BEGIN'); f.execute('DELETE FROM messages')"
+    subprocess.run([sys.executable, "-c", f"{OPEN}; {code}; os.kill(os.getpid(), 9)", path], check=False)
     recorder = Recorder(path, "db3")
     for _ in range(5):
         recorder.look()
@@ -356,8 +350,7 @@ def test_a_row_without_a_message_is_passed_over_and_told(tmp_path):
 def test_a_commit_that_is_going_on_is_waited_for(tmp_path):
     path = finished(tmp_path, "db3")
     with closing(sqlite3.connect(path, isolation_level=None)) as file:
-        code = "import sqlite3, sys; f = sqlite3.connect(sys.argv[1], isolation_level=None)"
-        code += "; f.execute('BEGIN EXCLUSIVE'); print(1, flush=True); input()"
+        code = f"{OPEN}; f.execute('BEGIN EXCLUSIVE'); print(1, flush=True); input()"
         with subprocess.Popen(
             [sys.executable, "-c", code, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as writer:

@@ -10,7 +10,8 @@ import pytest
 from bags import typestore, write_ros1
 from rosbags.rosbag2.storage_mcap import McapReader
 
-from formats.rosbag.storage import mcap, ros1
+from formats import open_source
+from formats.rosbag.storage import mcap, record_file, ros1
 
 FLOAT = "std_msgs/msg/Float64"
 
@@ -56,7 +57,7 @@ def test_mcap_without_any_index_is_read_as_rosbags_does(tmp_path, monkeypatch, c
     reader.open()
     with closing(reader):
         known = [(c.topic, time, bytes(data)) for c, time, data in reader.messages_scan(reader.connections)]
-    monkeypatch.setattr(mcap, "RUN_BYTES", least)
+    monkeypatch.setattr(record_file, "CHUNK_BYTES", least << 5)
     file = mcap.McapFile(path)
     file.open()
     topics = {c.id: c.topic for c in file.connections}
@@ -75,3 +76,23 @@ def test_mcap_without_any_index_is_read_as_rosbags_does(tmp_path, monkeypatch, c
         assert len(times) == 100
         assert (np.diff(times) >= 0).all()
     file.close()
+
+
+def test_an_mcap_without_a_summary_is_whole(tmp_path):
+    """Its footer has a checksum all the same, of itself alone."""
+    from mcap.writer import IndexType, Writer
+
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        parts = ("use_statistics", "repeat_channels", "repeat_schemas", "use_summary_offsets")
+        writer = Writer(file, index_types=IndexType.NONE, **dict.fromkeys(parts, False))
+        writer.start(profile="ros2")
+        schema = writer.register_schema(FLOAT, "ros2msg", b"float64 data")
+        channel = writer.register_channel("/x", "cdr", schema)
+        for i in range(10):
+            writer.add_message(channel, i, bytes(12), i)
+        writer.finish()
+    for salvage in (False, True):
+        source = open_source(str(path), salvage=salvage)
+        assert [stream.count for stream in source.streams()] == [10]
+        assert source.remarks == []

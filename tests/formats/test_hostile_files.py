@@ -240,6 +240,19 @@ def test_an_index_that_names_a_chunk_twice(tmp_path):
         BagSource(str(path), "ros1")
 
 
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_an_index_that_is_in_the_middle_of_the_data(tmp_path, kind):
+    """Its chunks must not be read twice, once for each way in which they are found."""
+    path = write(tmp_path, kind)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"index_pos=") + 10 if kind == "ros1" else len(data) - 28
+    begin = 13 + 4096 if kind == "ros1" else 17 + data[9]
+    data[at : at + 8] = begin.to_bytes(8, "little")
+    path.write_bytes(data)
+    with pytest.raises(DamagedError, match=r"the record at byte [\d,]+ of its (index|summary)"):
+        BagSource(str(path), kind)
+
+
 @pytest.mark.parametrize("kind", ["ros1", "mcap", "db3"])
 def test_more_definitions_than_any_log_has(tmp_path, kind, monkeypatch):
     path = write(tmp_path, kind)

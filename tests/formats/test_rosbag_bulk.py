@@ -233,7 +233,7 @@ def test_topics_that_begin_together_are_listed_together(tmp_path, monkeypatch):
     source = BagSource(str(path), "mcap")
     elements = {s.topic: f.elements for s in source.streams() for f in s.fields if f.name == "effort"}
     assert elements == {f"/joints{k}": (f"wheel{k}",) for k in range(12)}
-    begins = {chunk.chunk_start_offset for chunk in source._container._readers[0][0].chunks}
+    begins = {chunk.position for chunk in source._container._readers[0][0].chunks}
     assert len(begins) > 3
     assert len([position for position in taken if position in begins]) <= 6
 
@@ -331,14 +331,9 @@ def test_an_index_that_lies(tmp_path, container):
     data = bytearray(path.read_bytes())
     file = (ros1.Ros1File if kind == "ros1" else mcap.McapFile)(path)
     file.open()
-    index = (
-        [entry for chunk in file._found.values() for entry in chunk]
-        if kind == "ros1"
-        else [entry for chunk in file.chunks for entry in file._index(chunk)]
-    )
     file.close()
-    (_, first, count), (_, second, _) = index
-    size = count * (12 if kind == "ros1" else 16)
+    (first, count), (second, _) = (place for chunk in file.chunks for place in chunk.index.values())
+    size = count * file.entry.itemsize
     data[first : first + size], data[second : second + size] = (
         data[second : second + size],
         data[first : first + size],

@@ -18,7 +18,7 @@ from salvage_cases import CASES, FLOAT, JOINTS, START, N, opened, samples, told,
 
 from formats.errors import DamagedError, FormatError
 from formats.limits import TooMuchError
-from formats.rosbag.storage.salvaged_ros1 import checksum
+from formats.rosbag.storage.ros1 import checksum
 from formats.sqlite_pages import Pages
 
 #: Every byte of these is under a checksum, but for the places of chunks and what is not read.
@@ -390,5 +390,5 @@ def test_a_name_changed_in_the_summary_is_refused(tmp_path, name):
     data = bytearray(path.read_bytes())
     data[data.rindex(name) + 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(DamagedError, match="checksum of its summary is wrong"):
+    with pytest.raises(DamagedError, match="checksum of the summary is wrong"):
         opened(path, "mcap", salvage=False)

@@ -79,7 +79,7 @@ def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
         where=None,
         effects=effects,
     )
-    batches = list(source.read("", raw_channels.fields(request), 50))
+    batches = list(source.read("", raw_channels.fields(request)[""], 50))
     begin = batches[:3] if rows is None else [raw_columns.whole(batches[:rows])]
     return list(long_logs.in_parts(request, [*begin, *batches[rows or 3 :]]))
 

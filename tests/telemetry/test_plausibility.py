@@ -321,7 +321,7 @@ def in_parts(path, rover):
     source = open_source(path)
     layout = mapping.plan(source, rover)
     request = assembly.Request(layout=layout, rover=rover, extras=layout.extras)
-    batches = source.read("", raw_channels.fields(request), 50)
+    batches = source.read("", raw_channels.fields(request)[""], 50)
     return list(long_logs.in_parts(request, batches))
 
 

@@ -7,7 +7,7 @@ and checked with NumPy: no message is touched in Python.
 
 import os
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Protocol, TypeAlias
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from formats.limits import Allowance
 from formats.rosbag.storage.raw_messages import DAMAGE, ORDER, Index, Messages
 
+Entries: TypeAlias = NDArray[Any]  # Of an index, as `Layout.entry` has them
 RUN_BYTES = 8 << 20  # Chunks are joined until they have this many bytes: enough to make NumPy's calls cheap
 #: Decompressing in more threads than this would be faster than what is done with the messages.
 _MOST_THREADS = 4
@@ -33,9 +34,9 @@ class Chunk:
     unpack: Callable[[bytes], bytes | memoryview]  # Makes the contents of them
     slow: bool  # It is worth a thread
     first: int  # The least log time in it, ns
-    #: Of each connection its number, where its entries begin, and how many there are; or what makes entries,
-    #: by connection, of the contents.
-    index: tuple[tuple[int, int, int], ...] | Callable[[bytes | memoryview], dict[int, NDArray[Any]]]
+    #: By connection the entries, or where they begin in the file and how many they are; or what makes entries
+    #: of the contents.
+    index: Mapping[int, Entries | tuple[int, int]] | Callable[[bytes | memoryview], dict[int, Entries]]
 
 
 class Layout(Protocol):
@@ -44,20 +45,14 @@ class Layout(Protocol):
     entry: np.dtype[Any]
 
     # Log times in ns and places in the chunk, of entries of an index
-    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]: ...
-    def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
+    def entries(self, of: Entries) -> tuple[Index, Index]: ...
+    def payloads(self, buffer: bytes, number: int, entries: Entries, records: Index) -> tuple[Index, Index]:
         """Return starts and sizes of payloads by the places of their records; any error where one differs."""
 
 
 #: Messages by the number of their connection, all in one buffer.
 Run: TypeAlias = dict[int, Messages]
 _Unpacked: TypeAlias = tuple[int, Chunk, bytes | memoryview]
-
-
-def opened(file: BinaryIO | None) -> BinaryIO:
-    if file is None:
-        raise ValueError("not open")
-    return file
 
 
 def runs(
@@ -68,7 +63,7 @@ def runs(
     chosen = sorted(
         (chunk.first, rank, chunk)
         for rank, chunk in enumerate(chunks)
-        if callable(chunk.index) or any(connection in wanted for connection, _, _ in chunk.index)
+        if callable(chunk.index) or not chunk.index.keys().isdisjoint(wanted)
     )
     if not chosen:
         return
@@ -83,15 +78,15 @@ def runs(
             joined.append((rank, chunk, next(unpacked)))
             allowance.take(len(joined[-1][2]))
         except DAMAGE:
-            yield _split(_locate(file, joined, kept, wanted, layout), first)[0]
+            yield _split(locate(file, joined, kept, wanted, layout), first)[0]
             raise
         length += len(joined[-1][2])
         if horizon is not None and length >= size:
             # Chunks may overlap in time: what is later than the first message of the next one waits.
-            run, kept = _split(_locate(file, joined, kept, wanted, layout), horizon)
+            run, kept = _split(locate(file, joined, kept, wanted, layout), horizon)
             joined, length = [], 0
             yield run
-    yield _locate(file, joined, kept, wanted, layout)
+    yield locate(file, joined, kept, wanted, layout)
 
 
 def _unpacked(file: BinaryIO, chunks: Sequence[Chunk], *, ahead: bool) -> Iterator[bytes | memoryview]:
@@ -120,7 +115,7 @@ def _read(file: BinaryIO, position: int, size: int) -> bytes:
     return data
 
 
-def _locate(
+def locate(
     file: BinaryIO, joined: Sequence[_Unpacked], kept: Run, wanted: Collection[int], layout: Layout
 ) -> Run:
     """Find the messages of some chunks; those that were kept come first in the new buffer."""
@@ -132,7 +127,7 @@ def _locate(
         starts = begin + np.cumsum(messages.sizes) - messages.sizes
         run[connection] = [Messages(b"", starts, messages.sizes, messages.times, messages.order)]
         begin += int(messages.sizes.sum())
-    found: dict[int, list[tuple[NDArray[Any], int, int, int, int]]] = {}
+    found: dict[int, list[tuple[Entries, int, int, int, int]]] = {}
     for rank, chunk, data in joined:
         end = begin + len(data)
         for connection, entries in _entries(file, chunk, data, wanted, layout):
@@ -141,15 +136,16 @@ def _locate(
         begin = end
     buffer = b"".join(pieces)
     for connection, parts in found.items():
-        entries, *rest = zip(*parts, strict=True)
+        of_chunks, *rest = zip(*parts, strict=True)
         # Joined as bytes: NumPy would compare the names of all fields first.
-        times, places = layout.entries(np.frombuffer(b"".join(entries), layout.entry))
-        lengths = [len(of_chunk) for of_chunk in entries]
+        every = np.frombuffer(b"".join(of_chunks), layout.entry)
+        times, places = layout.entries(every)
+        lengths = [len(entries) for entries in of_chunks]
         bases, ends, ranks, firsts = (np.repeat(np.array(of_chunk), lengths) for of_chunk in rest)
         records = bases + places
-        if ((places < 0) | (records >= ends)).any():
+        if ((places < 0) | (records > ends)).any():
             raise ValueError("an index points beyond its chunk")
-        starts, sizes = layout.payloads(buffer, connection, times, records)
+        starts, sizes = layout.payloads(buffer, connection, every, records)
         if ((sizes < 0) | (starts + sizes > ends)).any():
             raise ValueError("a message is longer than its chunk")
         if (times < firsts).any():
@@ -162,13 +158,15 @@ def _locate(
 
 def _entries(
     file: BinaryIO, chunk: Chunk, data: bytes | memoryview, wanted: Collection[int], layout: Layout
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    if callable(chunk.index):
-        yield from ((c, entries) for c, entries in chunk.index(data).items() if c in wanted)
-        return
-    for connection, begin, count in chunk.index:
-        if count and connection in wanted:
-            raw = _read(file, begin, count * layout.entry.itemsize)
+) -> Iterator[tuple[int, Entries]]:
+    index = chunk.index(data) if callable(chunk.index) else chunk.index
+    for connection, own in index.items():
+        if connection not in wanted:
+            continue
+        if not isinstance(own, tuple):
+            yield connection, own
+        elif own[1]:
+            raw = _read(file, own[0], own[1] * layout.entry.itemsize)
             yield connection, np.frombuffer(raw, layout.entry)
 
 

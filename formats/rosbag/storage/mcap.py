@@ -1,199 +1,374 @@
-"""MCAP files, read through their index in bulk.
+"""MCAP files, read through their index in bulk; without it or some of their bytes every whole chunk.
 
-`McapReader` takes from its module what is replaced in rosbags 0.11.9 below, for the whole process. For
-rosbags to do, and then to go from here:
-
-- bounds on what a chunk unpacks to, `decompress(data, size)` used with the size that the chunk states: a
-  few bytes become gigabytes;
-- `McapReader.read_index` and `meta_scan` that pass over a schema of an unknown encoding, as over one without
-  any: a log with one topic that is not of ROS is refused whole;
-- profiles of quality, in YAML, parsed when they are asked for.
+Records, each with its length, follow each other (https://mcap.dev/spec); where one does not add up, the next
+chunk is looked for. A message is taken where the checksum of its chunk is right, or its index names it too.
 """
 
-import os
+import re
 import struct
 from binascii import crc32
-from collections.abc import Collection, Iterator
-from functools import cached_property, lru_cache, partial
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from rosbags.interfaces import MessageDefinition
-from rosbags.rosbag2 import storage_mcap
-from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, Schema
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 
-from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Run, opened, runs
-from formats.rosbag.storage.raw_messages import NO_DEFINITION, Index, parts_at, unpack, widen
-from formats.rosbag.storage.salvaged_mcap import ENTRY, RECORD, records
+from formats.limits import CHUNK_BYTES
+from formats.rosbag.storage import record_file
+from formats.rosbag.storage.chunks import Chunk, Entries
+from formats.rosbag.storage.raw_messages import FORMATS, Index, parts_at, ros2_connection
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, Found, RecordFile, Row, Told
 
-#: Before entries of an index channel and length; before a payload channel, sequence, log time and another.
-_INDEX, _MESSAGE = 6, 22
-_MESSAGE_CODE, _CHUNK_CODE = 0x05, 0x06
-#: Of a record; and of a chunk first and last log time, size, checksum, length of its packing's name.
-_CODE_AND_LENGTH, _LENGTH, _CHUNK = struct.Struct("<BQ"), struct.Struct("<Q"), struct.Struct("<QQQII")
-_TIME = struct.Struct("<q")  # Of a message, as NumPy reads it below
-#: The footer (where the summary begins, and that of its offsets; its checksum), and the magic behind it.
+#: Bytes of the opcode and length of a record, and those before the entries of an index, and a payload.
+_RECORD, _BEFORE_ENTRIES, _BEFORE_PAYLOAD = 9, 6, 22
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 0x03, 0x04, 0x05, 0x06, 0x07
+_CHUNK_INDEX, _STATISTICS, _DATA_END, _FOOTER = 0x08, 0x0B, 0x0F, 0x02
+#: The footer, where the summary begins in it, and the magic behind it.
 _END = struct.Struct("<BQQQI8s")
-#: Bytes of it that no checksum covers.
-_BARE = 12
+#: Opcode, length, first and last time, size, checksum; then the name of the compression.
+_CHUNK_BEGINS = re.compile(rb"\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd)", re.DOTALL)
 _HEAD = np.dtype(
     {
         "names": ["code", "length", "channel", "time"],
         "formats": ["u1", "<i8", "<u2", "<i8"],
-        "offsets": [0, 1, RECORD, RECORD + 6],
-        "itemsize": RECORD + _MESSAGE,
+        "offsets": [0, 1, _RECORD, _RECORD + 6],
+        "itemsize": _RECORD + _BEFORE_PAYLOAD,
     }
 )
-#: Of definitions that rosbags reads; the last is that of types without one.
-_ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "")
-_get_msgdef = storage_mcap.get_msgdef
+_FORMATS = FORMATS | {"omgidl": MessageDefinitionFormat.IDL}
 
 
-def _known_definition(schema: Schema | None) -> MessageDefinition:
-    known = schema is None or schema.encoding in _ENCODINGS
-    return _get_msgdef(schema) if known else NO_DEFINITION
+class McapFile(RecordFile):
+    magic = b"\x89MCAP0\r\n"
+    describes = _CHANNEL
+    entry = np.dtype([("time", "<u8"), ("place", "<u8")])
+    is_cut = ": its index is missing"
 
-
-storage_mcap.DECOMPRESSORS |= {
-    "lz4": lambda data, _size: unpack(data, "lz4"),
-    "zstd": lambda data, _size: unpack(data, "zstd"),
-}
-storage_mcap.get_msgdef = _known_definition
-storage_mcap.get_qos = lru_cache(256)(storage_mcap.get_qos)
-
-
-class McapFile(McapReader):
-    """One file. Its summary is read by rosbags, its messages here."""
-
-    entry = ENTRY
-
-    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        chunks = [
-            Chunk(
-                position=chunk.chunk_start_offset,
-                stored=chunk.chunk_length,
-                unpack=partial(_contents, told=chunk),
-                slow=bool(chunk.compression),
-                first=chunk.message_start_time,
-                index=self._index(chunk) or _walk,
-            )
-            for chunk in sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset)
-        ]
-        yield from runs(opened(self.bio), chunks or self._unlisted, wanted, self, size)
+    def __init__(self, path: Path, *, salvage: bool = False) -> None:
+        super().__init__(path, salvage=salvage)
+        #: The index of chunks is being read; and there is one, which tells the times of connections.
+        self._listing = self._timed = False
+        #: Number of messages by channel, and the last log time.
+        self._counts: dict[int, int] | None = None
+        self._end: int | None = None
 
     def open(self) -> None:
-        """Read the summary, and see what the indexes span."""
-        #: First and last log time of each connection that an index mentions, by its number.
-        self.spans: dict[int, tuple[int, int]] = {}
         super().open()
-        self._check_summary()
-        if len({chunk.chunk_start_offset for chunk in self.chunks}) < len(self.chunks):
-            # A few bytes of index could make this unpack one chunk without end.
-            raise ValueError("its index names a chunk twice")
-        bio = opened(self.bio)
-        for chunk in self.chunks:
-            for connection, begin, count in self._index(chunk) or ():
-                if count > 0:
-                    bio.seek(begin)
-                    times, _ = self.entries(np.frombuffer(bio.read(count * ENTRY.itemsize), ENTRY))
-                    widen(self.spans, connection, times)
-
-    def _check_summary(self) -> None:
-        """Refuse a summary that its checksum contradicts: names of topics and fields are read from there."""
-        bio = opened(self.bio)
-        end = bio.seek(-_END.size, os.SEEK_END)
-        _, _, summary, _, checksum, _ = _END.unpack(bio.read(_END.size))
-        if not checksum:
+        if self.salvage:
             return
-        summary = summary or end  # a file may have none
-        bio.seek(summary)
-        # The checksum covers the footer up to itself.
-        left, found = end + _END.size - _BARE - summary, 0
-        while left > 0 and (piece := bio.read(min(left, RUN_BYTES))):
-            found, left = crc32(piece, found), left - len(piece)
-        if found != checksum:
-            raise ValueError("the checksum of its summary is wrong")
+        if not self._timed:
+            self.spans = {}
+        if (counts := self._counts) is not None:
+            self.connections = [one._replace(msgcount=counts.get(one.id, 0)) for one in self.connections]
 
-    @cached_property
-    def _unlisted(self) -> list[Chunk]:
-        """The chunks of a file that has no index of them; messages in no chunk are put together in some."""
-        bio = opened(self.bio)
-        found: list[Chunk] = []
-        begin = at = self.data_start
-        first: int | None = None
-        while at < self.data_end:
-            bio.seek(at)
-            head = bio.read(_HEAD.itemsize)
-            code, length = _CODE_AND_LENGTH.unpack_from(head)
-            behind = at + RECORD + length
-            if behind > self.data_end:
-                raise EOFError("it ends within a record")
-            if code == _CHUNK_CODE or behind - begin > RUN_BYTES:
-                found += _loose(begin, at, first)
-                begin, first = at, None
-            if code == _CHUNK_CODE:
-                (start,) = _LENGTH.unpack_from(head, RECORD)
-                size = RECORD + length
-                chunk = Chunk(position=at, stored=size, unpack=_contents, slow=True, first=start, index=_walk)
-                found.append(chunk)
-                begin = behind
-            elif code == _MESSAGE_CODE:
-                (time,) = _TIME.unpack_from(head, RECORD + 6)
-                first = time if first is None else min(first, time)
-            at = behind
-        return found + _loose(begin, at, first)
+    def read_index(self) -> bool:
+        code, length, at, *_ = _END.unpack(self.data[-_END.size :])
+        if (code, length) != (_FOOTER, 20):
+            raise BrokenRecordError("its footer")
+        self._listing = True
+        while at and not self.ended:
+            if set(self.data[at : at + 1]) <= {_MESSAGE, _CHUNK}:
+                raise BrokenRecordError(f"the record at byte {at:,} of its summary")
+            at = self.record(at)
+        self._listing = self.ended = False
+        self._timed = bool(self.chunks)
+        if not self.told_of():
+            # They are described in the chunks alone.
+            self.chunks.clear()
+        for chunk in self.chunks:
+            for number, place in () if callable(chunk.index) else chunk.index.items():
+                if isinstance(place, tuple) and place[1] > 0:
+                    self.least(number, *place)
+        return bool(self.chunks)
 
-    @staticmethod
-    def _index(chunk: ChunkInfo) -> tuple[tuple[int, int, int], ...] | None:
-        if not chunk.message_index_offsets:
-            return None
-        begins, counts = chunk.message_index_offsets.items(), chunk.channel_count
-        return tuple((number, at + RECORD + _INDEX, counts.get(number, 0)) for number, at in begins)
-
-    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
+    def entries(self, of: Entries) -> tuple[Index, Index]:
         return of["time"].astype(np.int64), of["place"].astype(np.int64)
 
-    def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
+    def payloads(self, buffer: bytes, number: int, entries: Entries, records: Index) -> tuple[Index, Index]:
+        times, _ = self.entries(entries)
         heads = parts_at(buffer, records, _HEAD.itemsize).view(_HEAD)
-        right = (heads["code"] == _MESSAGE_CODE) & (heads["channel"] == connection) & (heads["time"] == times)
+        right = (heads["code"] == _MESSAGE) & (heads["channel"] == number) & (heads["time"] == times)
         if not right.all():
             raise ValueError("an index and the message it points at differ")
-        return records + _HEAD.itemsize, heads["length"] - _MESSAGE
+        return records + _HEAD.itemsize, heads["length"] - _BEFORE_PAYLOAD
+
+    def account(self) -> int | None:
+        if not self.ended and not self.recovery.damage:
+            missing = "the end of the file and with it the index are missing"
+            self.lose(f"cut off at byte {len(self.data):,}: {missing}")
+        self.recovery.whole_known = self.ended
+        if self._counts is not None:
+            self.recovery.expected = sum(self._counts.values())
+        return self._end
+
+    def record(self, at: int) -> int:
+        if at + _RECORD > len(self.data):
+            raise CutOffError(f"a record at byte {at:,}")
+        code, length = struct.unpack_from("<BQ", self.data, at)
+        begin, end = at + _RECORD, at + _RECORD + length
+        if code == 0 and self.growing:
+            # The file is longer already than what was written into it.
+            raise CutOffError(f"a record at byte {at:,}")
+        if code == 0 or 0x0F < code < 0x80:
+            raise BrokenRecordError(f"there is no record at byte {at:,}")
+        if self.growing and length > CHUNK_BYTES:
+            raise BrokenRecordError(f"a record at byte {at:,} that claims {length:,} bytes")
+        if end > len(self.data):
+            if code == _CHUNK:
+                self._note_cut_chunk(begin)
+            raise CutOffError(f"a {'chunk' if code == _CHUNK else 'record'} that begins at byte {at:,}")
+        try:
+            end = self._content(code, begin, end)
+        except (struct.error, UnicodeDecodeError, IndexError) as error:
+            raise BrokenRecordError(f"the record at byte {at:,} contradicts itself") from error
+        self.recovery.bytes_read += end - at
+        self.ended = code == _FOOTER
+        return end
+
+    def _content(self, code: int, begin: int, end: int) -> int:
+        """Take in what a record says; return where the next begins."""
+        if code == _CHUNK:
+            return self._chunk(begin, end)
+        if code in {_SCHEMA, _CHANNEL}:
+            _note(self.told, code, self.data[begin:end], vouched=False)
+        elif code == _MESSAGE:
+            # No checksum and no index vouches for it.
+            self.take_loose(_message(self.data, begin, end))
+        elif code == _CHUNK_INDEX and self._listing:
+            self.chunks.append(_listed(self.data[begin:end]))
+        elif code == _STATISTICS:
+            self._statistics(self.data[begin:end])
+        elif code == _DATA_END:
+            self._data_end(begin - _RECORD, *struct.unpack("<I", self.data[begin:end]))
+        elif code == _FOOTER:
+            if self.growing and len(self.data) < end + len(self.magic):
+                raise CutOffError("the end of the file")
+            self._footer(begin, *struct.unpack("<QQI", self.data[begin:end]))
+            if self.data[end:] != self.magic:
+                raise BrokenRecordError(f"the end of the file, behind byte {end:,},")
+        return end
+
+    def next_chunk(self, start: int) -> int | None:
+        for match in _CHUNK_BEGINS.finditer(self.data, start):
+            at = match.start()
+            try:
+                _, _, end = _head(self.data, at + _RECORD)
+            except (struct.error, BrokenRecordError):
+                continue
+            if end <= len(self.data) and end - at - _RECORD == struct.unpack_from("<Q", self.data, at + 1)[0]:
+                return at
+        return None
+
+    def _note_cut_chunk(self, begin: int) -> None:
+        """Take from the head of a chunk that is cut off when the log went on to at least."""
+        if begin + 16 <= len(self.data):
+            start, end = struct.unpack_from("<QQ", self.data, begin)
+            before = max((span[1] for span in self.walk if span), default=start)
+            # Far from what is before it, the head is no chunk's.
+            if start <= end < 2**63 and abs(start - before) < 600 * 10**9 and end - start < 600 * 10**9:
+                self.recovery.goes_on = max(end, before)
+
+    def _chunk(self, begin: int, end: int) -> int:
+        """Read a chunk and the index behind it; return where that ends."""
+        self.end_loose()
+        head, contents, chunk_end = _head(self.data, begin)
+        if chunk_end != end:
+            raise BrokenRecordError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+        index, end = self._index(end)
+        start, last, size, checksum, packing = head
+        place, vouched = slice(contents, chunk_end), bool(checksum)
+
+        def confirm(found: Found) -> tuple[Index, bool]:
+            return _confirmed(found, self.named(index), start, last)
+
+        self.take_chunk(begin - _RECORD, place, packing, size, confirm, checksum=checksum, vouched=vouched)
+        return end
+
+    def _index(self, at: int) -> tuple[dict[int, tuple[int, int]], int]:
+        """Read the records of the index behind a chunk: where entries begin and how many, by channel."""
+        index = {}
+        while at + _RECORD + 6 <= len(self.data):
+            code, length, channel, size = struct.unpack_from("<BQHI", self.data, at)
+            if code != _INDEX or length != 6 + size or size % self.entry.itemsize:
+                break
+            end = at + _RECORD + length
+            if end > len(self.data):
+                break
+            index[channel] = at + _RECORD + _BEFORE_ENTRIES, size // self.entry.itemsize
+            at = end
+        return index, at
+
+    def _statistics(self, content: bytes) -> None:
+        end, size = struct.unpack_from("<QI", content, 34)
+        if size % 10 or size != len(content) - 46:
+            raise BrokenRecordError("the statistics")
+        counts = dict(struct.iter_unpack("<HQ", content[46:]))
+        if sum(counts.values()) != struct.unpack_from("<Q", content)[0]:
+            raise BrokenRecordError("the statistics")
+        self._counts = counts
+        self._end = end if 0 < end < 2**63 and counts else None
+
+    def _data_end(self, at: int, checksum: int) -> None:
+        self.end_loose()
+        if not checksum or not self.salvage:
+            # Of a whole file each chunk has its own.
+            return
+        found = 0
+        for begin in range(0, at, 1 << 24):
+            found = crc32(self.data[begin : min(begin + (1 << 24), at)], found)
+        if found != checksum:
+            self.note("the checksum of the data is wrong")
+        else:
+            self.unchecked = False
+
+    def _footer(self, begin: int, summary: int, _: int, checksum: int) -> None:
+        # The checksum covers the summary, if there is one, and the footer up to itself.
+        first = summary or begin - _RECORD
+        if checksum and (first > begin or crc32(self.data[first : begin + 16]) != checksum):
+            self.note("the checksum of the summary is wrong")
+            self._counts = self._end = None
+
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[Row]:
+        for code, begin, end in records(raw):
+            if code == _MESSAGE:
+                yield _message(raw, begin, end)
+            elif code in {_SCHEMA, _CHANNEL}:
+                _note(told, code, raw[begin:end], vouched=vouched)
+
+    def known(self) -> dict[int, Connection]:
+        known = {}
+        for number, told in self.told_of().items():
+            channel = record_file.agreed(told)
+            if channel is None:
+                self.note(f"channel {number} is described twice, each time differently")
+                continue
+            schema_number, topic, encoding = channel
+            if encoding != "cdr" and self.salvage:
+                self.note(f"{topic} is encoded as {encoding[:20]!r}; only 'cdr' can be read")
+                continue
+            schemas = self.told.get((_SCHEMA, schema_number), [])
+            schema = record_file.agreed(schemas or [(False, None)])
+            if schemas and schema is None and not self.salvage:
+                self.note(f"schema {schema_number} is described twice, each time differently")
+            name, schema_encoding, text = schema or ("__schemaless__", "", "")
+            definition = MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text)
+            known[number] = ros2_connection(number, topic, name, definition, encoding=encoding)
+        return known
 
 
-def _walk(chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
+def _listed(content: bytes) -> Chunk:
+    """Read what the summary says of a chunk."""
+    first, _, position, stored, size = struct.unpack_from("<QQQQI", content)
+    begins = sorted((begin, number) for number, begin in struct.iter_unpack("<HQ", content[36 : 36 + size]))
+    length, letters = struct.unpack_from("<QI", content, 36 + size)
+    at = 48 + size + letters
+    packing, sizes = content[at - letters : at].decode(), struct.unpack_from("<QQ", content, at)
+    # Each index ends where the next begins.
+    ends = [*(begin for begin, _ in begins[1:]), position + stored + length]
+    before = _RECORD + _BEFORE_ENTRIES
+    index = {n: (at + before, (end - at - before) // 16) for (at, n), end in zip(begins, ends, strict=False)}
+    return Chunk(
+        position=position,
+        stored=stored,
+        unpack=partial(_contents, told=(packing, *sizes)),
+        slow=bool(packing),
+        first=first,
+        index=index or _walk,
+    )
+
+
+def _contents(record: bytes | memoryview, told: tuple[str, int, int]) -> bytes | memoryview:
+    """Return the records in the record of a chunk, decompressed and checked, also by what its index told."""
+    (_, _, size, checksum, packing), begin, end = _head(record, _RECORD)
+    if (packing, end - begin, size) != told or end > len(record):
+        raise ValueError("a chunk is not as its index says")
+    return record_file.contents(memoryview(record)[begin:end], packing, size, checksum)
+
+
+def _walk(chunk: bytes | memoryview) -> dict[int, Entries]:
     """Return what an index would have."""
-    begins = [begin - RECORD for code, begin, _ in records(chunk) if code == _MESSAGE_CODE]
+    begins = [begin - _RECORD for code, begin, _ in records(chunk) if code == _MESSAGE]
     places = np.array(begins, dtype=np.int64)
     heads = parts_at(chunk, places, _HEAD.itemsize).view(_HEAD)
     found = {}
-    for connection in np.unique(heads["channel"]):
-        own = heads["channel"] == connection
-        found[int(connection)] = entries = np.empty(np.count_nonzero(own), ENTRY)
+    for channel in np.unique(heads["channel"]):
+        own = heads["channel"] == channel
+        found[int(channel)] = entries = np.empty(np.count_nonzero(own), McapFile.entry)
         entries["time"], entries["place"] = heads["time"][own], places[own]
     return found
 
 
-def _loose(begin: int, end: int, first: int | None) -> list[Chunk]:
-    """Take records in no chunk, the first message among them of this time, as one; nothing without any."""
-    if first is None:
-        return []
-    return [Chunk(position=begin, stored=end - begin, unpack=bytes, slow=False, first=first, index=_walk)]
+def _message(data: Any, begin: int, end: int) -> Row:
+    channel, _, time, _ = struct.unpack_from("<HIQQ", data, begin)
+    if end - begin < 22:
+        raise BrokenRecordError(f"a message at byte {begin - _RECORD:,}")
+    return channel, time, begin + 22, end - begin - 22
 
 
-def _contents(record: bytes | memoryview, told: ChunkInfo | None = None) -> bytes | memoryview:
-    """Return the records in the record of a chunk, decompressed and checked, also by what its index told."""
-    _, _, size, checksum, letters = _CHUNK.unpack_from(record, RECORD)
-    begin = RECORD + _CHUNK.size + letters
-    (stored,) = _LENGTH.unpack_from(record, begin)
-    packed = memoryview(record)[begin + 8 : begin + 8 + stored]
-    if told and ((size, stored) != (told.uncompressed_size, told.compressed_size) or len(packed) < stored):
-        raise ValueError("a chunk is not as its index says")
-    if len(packed) < stored:
-        raise ValueError("a chunk is longer than its record")
-    packing = told.compression if told else bytes(record[begin - letters : begin]).decode()
-    contents = unpack(packed, packing) if packing else packed
-    if len(contents) != size or (checksum and crc32(contents) != checksum):
-        raise ValueError("a chunk is not what its size and checksum say")
-    return contents
+def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, int]:
+    """Return first and last time, size, checksum and packing of a chunk, where its contents begin and end."""
+    start, last, size, checksum, letters = struct.unpack_from("<QQQII", data, begin)
+    packing = bytes(data[begin + 32 : begin + 32 + min(letters, 8)])
+    if (start > last and size) or packing not in {b"", b"lz4", b"zstd"}:
+        raise BrokenRecordError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+    (stored,) = struct.unpack_from("<Q", data, begin + 32 + letters)
+    contents = begin + 40 + letters
+    return (start, last, size, checksum, packing.decode()), contents, contents + stored
+
+
+def records(raw: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
+    """Yield code, begin and end of the records in a chunk; an error at the first that does not fit."""
+    at = 0
+    while at < len(raw):
+        code, length = struct.unpack_from("<BQ", raw, at)
+        at += _RECORD
+        if at + length > len(raw) or code == 0:
+            raise BrokenRecordError("a record")
+        yield code, at, at + length
+        at += length
+
+
+def _confirmed(
+    found: Found, named: dict[int, set[tuple[int, int]]], start: int, last: int
+) -> tuple[Index, bool]:
+    """Keep the messages that the index names at the same place and time; tell if it and they are the same."""
+    # Those of channels without an index, which may be left out or cut off, must lie within the chunk's times.
+    rows = record_file.rows_of(found)
+    # A record begins with 9 bytes, a message with 22.
+    keep = [
+        (time, begin - 31) in named[channel] if channel in named else start <= time <= last
+        for channel, time, begin, _ in rows.tolist()
+    ]
+    kept = rows[np.array(keep, dtype=bool)]
+    counted = all(np.count_nonzero(rows[:, 0] == number) == len(own) for number, own in named.items())
+    return kept, len(kept) == len(found) and counted
+
+
+def _note(told: Told, code: int, content: bytes, *, vouched: bool) -> None:
+    """Take in what a record says of a schema or a channel."""
+    (number,) = struct.unpack_from("<H", content)
+    kept: Any
+    if code == _SCHEMA:
+        at, name = _text(content, 2)
+        at, encoding = _text(content, at)
+        at, text = _text(content, at)
+        kept = name, encoding, text
+    else:
+        (schema,) = struct.unpack_from("<H", content, 2)
+        at, topic = _text(content, 4)
+        at, encoding = _text(content, at)
+        (size,) = struct.unpack_from("<I", content, at)
+        at, kept = at + 4 + size, (schema, topic, encoding)
+    if at != len(content):
+        raise BrokenRecordError(f"the description of {number}")
+    record_file.join_told(told, {(code, number): [(vouched, kept)]})
+
+
+def _text(content: bytes, at: int) -> tuple[int, str]:
+    (size,) = struct.unpack_from("<I", content, at)
+    end = at + 4 + size
+    if end > len(content):
+        raise BrokenRecordError("a text")
+    return end, content[at + 4 : end].decode()

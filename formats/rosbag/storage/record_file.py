@@ -5,6 +5,7 @@ import os
 import struct
 from abc import abstractmethod
 from binascii import crc32
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
@@ -15,15 +16,17 @@ import numpy as np
 from rosbags.interfaces import Connection
 
 from formats.limits import CHUNK_BYTES, Allowance, TooMuchError, unpacked_limit
-from formats.rosbag.storage.raw_messages import CORRUPT, ORDER, WILD, Messages, of_payloads, unpack
-from formats.rosbag.storage.salvaged_file import Found, Index, Piece, Row, SalvagedFile, Span, by_connection
+from formats.recovery import Span, lost_between
+from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, Entries, Layout, Run, locate, runs
+from formats.rosbag.storage.raw_messages import CORRUPT, WILD, Index, unpack, widen
+from formats.rosbag.storage.stored_file import StoredFile, by_connection
 
 #: By code and number of a record: whether a checksum vouches for it, and what it says.
 Told = dict[tuple[int, int], list[tuple[bool, Any]]]
+#: A message: connection, log time in ns, where the payload begins in the contents, its size.
+Row = tuple[int, int, int, int]
+Found = Sequence[tuple[int, ...]]  # Rows, perhaps with more at the end of each
 
-#: Bytes of messages that may wait for others which are earlier.
-_WAITING = 1 << 30
-_WAITING_PARTS = 50_000
 #: Bytes behind damage in a growing file in which a chunk begins. Judged: recorders write chunks of some MB.
 _SEARCHED = 16 << 20
 
@@ -36,30 +39,69 @@ class CutOffError(BrokenRecordError):
     """A record ends beyond the file; of one that is still written, the rest will come."""
 
 
-class RecordFile(SalvagedFile):
-    """What can be read of a file of records."""
+class RecordFile(StoredFile, Layout):
+    """What can be read of a file of records: by its index where it must be whole, else record by record."""
+
+    # Of one that must be whole, all that does not add up is a BrokenRecordError, or another of `DAMAGE`. The
+    # layout is that of its own index.
 
     #: How the file begins, and the code of the records that describe a connection.
     magic: bytes
     describes: int
     is_damaged = is_cut = ""  # What is said behind a place that is damaged, and behind one that is cut off
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, salvage: bool = False) -> None:
         super().__init__(path)
+        self.salvage = salvage  # It need not be whole
+        #: What has messages, by the index, or as it was found; and by the index how many each connection has.
+        self.chunks: list[Chunk] = []
+        self.counts: Counter[int] = Counter()
+        self._layout: Layout = self
         #: Where the next record begins, and whether the last one was read.
         self.at = len(self.magic)
         self.ended = False
         self.growing = False  # The file is still being written: what is cut off is waited for
-        #: There is more than was asked for; and pieces that were handed over.
+        #: There is more than was asked for; and chunks that were handed over.
         self.full, self._handed = False, 0
         self.told: Told = {}  # What the file says of its connections
         #: First and last log time of what can be read, as it lies in the file; None where something is lost.
         self.walk: list[Span | None] = []
         self.unchecked = False  # No checksum vouches for some of it
-        #: Messages in no chunk, as rows of a piece, places being those in the file.
+        #: Messages in no chunk, places being those in the file.
         self._loose: list[Row] = []
 
-    def scan(self) -> dict[int, Connection]:
+    def indexed(self) -> bool:
+        if self.salvage or not self.read_index():
+            return False
+        if len({chunk.position for chunk in self.chunks}) < len(self.chunks):
+            # A few bytes of index could make this unpack one chunk without end.
+            raise BrokenRecordError("its index names a chunk twice")
+        self.chunks.sort(key=lambda chunk: chunk.position)
+        self.connections = [
+            one._replace(msgcount=self.counts[number]) for number, one in self.known().items()
+        ]
+        return True
+
+    def least(self, number: int, begin: int, count: int) -> int:
+        """Take in what the index says of one connection in one chunk; return its least log time in ns."""
+        times, _ = self._indexed_at(begin, count)
+        if len(times) < count:
+            raise CutOffError("an index")
+        widen(self.spans, number, times)
+        self.counts[number] += count
+        return int(times.min())
+
+    def named(self, index: dict[int, tuple[int, int]]) -> dict[int, set[tuple[int, int]]]:
+        """Return the times and places that an index names, by connection."""
+        found = {number: self._indexed_at(*place) for number, place in index.items()}
+        return {n: set(zip(times.tolist(), at.tolist(), strict=True)) for n, (times, at) in found.items()}
+
+    def _indexed_at(self, begin: int, count: int) -> tuple[Index, Index]:
+        end = begin + count * self.entry.itemsize
+        return self.entries(np.frombuffer(self.data[begin:end], self.entry))
+
+    def scan(self) -> tuple[dict[int, Connection], Iterator[tuple[int, Index]]]:
+        self._layout = RowLayout()
         self.recovery.bytes_read = at = self.at
         size = len(self.data)
         while at < size and not self.ended:
@@ -77,9 +119,10 @@ class RecordFile(SalvagedFile):
         end = self.account()
         self.recovery.checked = not self.unchecked
         self.recovery.lost = lost_between(self.walk, end) if self.recovery.damaged else []
-        return self.known()
+        own = (of for one in self.chunks if not callable(one.index) for of in one.index.items())
+        return self.known(), ((number, rows["time"]) for number, rows in own if not isinstance(rows, tuple))
 
-    def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
+    def grow(self, file: BinaryIO, most: int) -> list[Run]:
         """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it."""
         # Damage is passed over, and is in `recovery`; ValueError where nothing follows it.
         self.growing = True
@@ -96,12 +139,16 @@ class RecordFile(SalvagedFile):
                 self.at = self._next(size)
         self.full = limit <= self.at < size
         self.end_loose()
-        pieces, self.pieces, self.walk = self.pieces, [], []
+        chunks, self.chunks, self.walk = self.chunks, [], []
         if self.told_of().keys() != {connection.id for connection in self.connections}:
             self.connections = list(self.known().values())
-        numbers = np.array([connection.id for connection in self.connections], dtype=np.int64)
-        found = [messages_of(piece, rank, numbers) for rank, piece in enumerate(pieces, self._handed)]
-        self._handed += len(pieces)
+        known = {connection.id for connection in self.connections}
+        found = []
+        for rank, chunk in enumerate(chunks, self._handed):
+            # Not read from the file, whose buffer may be older than what was written meanwhile.
+            raw = chunk.unpack(self.data[chunk.position : chunk.position + chunk.stored])
+            found.append(locate(file, [(rank, chunk, raw)], {}, known, RowLayout()))
+        self._handed += len(chunks)
         if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             # Else a process seems to hold all of the file that it has seen.
             self.data.madvise(mmap.MADV_DONTNEED)
@@ -135,44 +182,48 @@ class RecordFile(SalvagedFile):
     ) -> None:
         """Take the messages of the chunk that begins at a byte, its packed contents at a `place`."""
         # Checksums vouch for all, or `confirm` returns those to be trusted, and if the index has the same.
-        load = partial(self._contents, place, packing, size, checksum)
+        load = partial(contents, packing=packing, size=size, checksum=checksum, most=size)
         self._allowance.take(min(size, unpacked_limit(place.stop - place.start)))
         try:
-            raw = load()
+            raw = bytes(load(self.data[place]))
         except CORRUPT as error:
             reason = " ".join(str(error).split())[:120] or type(error).__name__
             self.lose(f"the chunk at byte {at:,} cannot be read ({reason})")
             return
         told: Told = {}
         found, whole = self.found_in(raw, told, vouched=vouched)
-        rows = rows_of(found)
+        rows = self._rows_of(found)
         kept, agrees = (rows, True) if vouched else confirm(found)
         self.unchecked = self.unchecked or not vouched
         damage = "" if whole else "contradicts itself"
-        if packing not in {"", "none"} and not vouched and not (whole and agrees):
+        packed = packing not in {"", "none"}
+        if packed and not vouched and not (whole and agrees):
             # One changed byte of packed data changes others, and no index shows in which values.
             kept, damage = rows[:0], "contradicts its index"
         else:
             join_told(self.told, told)
-        self.take(rows, kept, load)
+        self.take(rows, kept, place, load if packed else bytes)
         if damage:
             self.lose(f"the chunk at byte {at:,} {damage}")
 
-    def _contents(self, place: slice, packing: str, size: int, checksum: int) -> bytes:
-        """Return what a chunk there unpacks to, if that is as it says."""
-        raw = unpack(self.data[place], packing, size)
-        if len(raw) != size:
-            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
-        if checksum and crc32(raw) != checksum:
-            raise ValueError("its checksum is wrong")
-        return raw
-
-    def take(self, found: Index, kept: Index, load: Callable[[], bytes]) -> None:
+    def take(
+        self, found: Index, kept: Index, place: slice, load: Callable[[bytes], bytes | memoryview] = bytes
+    ) -> None:
         """Take the messages that can be trusted of those that were found together; as for `timeline`."""
+        if not self.salvage and len(kept) < len(found):
+            raise BrokenRecordError("messages contradict what else the file says of them")
         self.recovery.aside += len(found) - len(kept)
         self.walk += timeline(found, kept)
         if len(kept):
-            self.pieces.append(Piece(kept, load))
+            chunk = Chunk(
+                position=place.start,
+                stored=place.stop - place.start,
+                unpack=load,
+                slow=load is not bytes,
+                first=int(kept[:, 1].min()),
+                index={number: RowLayout.of(rows) for number, rows in by_connection(kept)},
+            )
+            self.chunks.append(chunk)
 
     def told_of(self) -> dict[int, list[tuple[bool, Any]]]:
         """Return what the file says of each connection, by its number."""
@@ -188,39 +239,40 @@ class RecordFile(SalvagedFile):
         """Take the messages that wait for those behind them."""
         if self._loose:
             first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
-            rows = rows_of([(number, time, begin - first, size) for number, time, begin, size in self._loose])
+            found = [(number, time, begin - first, size) for number, time, begin, size in self._loose]
+            rows = self._rows_of(found)
             self._loose, self.unchecked = [], True
-            self.take(rows, tame(rows), lambda: self.data[first:last])
+            self.take(rows, tame(rows) if self.salvage else rows, slice(first, last))
+
+    def _rows_of(self, found: Found) -> Index:
+        rows = rows_of(found)
+        if not self.salvage and len(rows) < len(found):
+            raise BrokenRecordError("a log time is beyond the year 2262")
+        return rows
+
+    def note(self, damage: str) -> None:
+        if not self.salvage:
+            raise BrokenRecordError(damage)
+        self.recovery.damage.append(damage)
 
     def lose(self, damage: str) -> None:
         self.end_loose()
         if damage not in self.recovery.damage:
-            self.recovery.damage.append(damage)
+            self.note(damage)
         if not self.walk or self.walk[-1] is not None:
             self.walk.append(None)
 
-    def runs(self, wanted: Collection[int], size: int = 0) -> Iterator[dict[int, Messages]]:  # noqa: ARG002 - as `rosbag.containers.Reader` has it
-        """Read the messages of some connections, none earlier than one of its connection before."""
-        numbers = np.array(sorted(wanted), dtype=np.int64)
-        pieces = enumerate(self.pieces)
-        holding = ((rank, piece) for rank, piece in pieces if np.isin(piece.rows[:, 0], numbers).any())
-        chosen = sorted((piece.first, rank, piece) for rank, piece in holding)
-        waiting: dict[int, list[Messages]] = {}
-        for k, (_, rank, piece) in enumerate(chosen):
-            for number, messages in messages_of(piece, rank, numbers).items():
-                waiting.setdefault(number, []).append(messages)
-            horizon = chosen[k + 1][0] if k + 1 < len(chosen) else None
-            before, waiting = parted(waiting, horizon)
-            held = [len(part.buffer) for parts in waiting.values() for part in parts]
-            if sum(held) > _WAITING or len(held) > _WAITING_PARTS:
-                raise TooMuchError("its chunks overlap in time: too much would have to be held in memory")
-            if before:
-                yield before
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+        yield from runs(self.file, self.chunks, wanted, self._layout, size)
 
     @property
     def rest(self) -> int:
         """Bytes at the end of a growing file that are no whole record."""
         return 0 if self.ended else len(self.data) - self.at
+
+    @abstractmethod
+    def read_index(self) -> bool:
+        """Fill `chunks` and `counts` by the index of a whole file; False where it has none."""
 
     @abstractmethod
     def record(self, at: int) -> int:
@@ -266,46 +318,37 @@ def join_told(told: Told, more: Told) -> None:
         before += [one for one in said if one not in before[-8:]]
 
 
-def messages_of(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
-    contents = piece.load()
-    found = {}
-    for number, rows in by_connection(piece.rows[np.isin(piece.rows[:, 0], wanted)]):
-        order = rank * ORDER + rows[:, 2]
-        found[number] = Messages(contents, rows[:, 2], rows[:, 3], rows[:, 1], order).sorted()
-    return found
+class RowLayout:
+    """Of rows of messages, which were looked at when they were found."""
+
+    entry = np.dtype([("time", "<i8"), ("place", "<i8"), ("size", "<i8")])
+
+    @classmethod
+    def of(cls, rows: Index) -> Entries:
+        """Return what rows of one connection are as entries."""
+        return np.ascontiguousarray(rows[:, 1:]).view(cls.entry).ravel()
+
+    def entries(self, of: Entries) -> tuple[Index, Index]:
+        return of["time"], of["place"]
+
+    def payloads(self, _buffer: bytes, _: int, entries: Entries, records: Index) -> tuple[Index, Index]:
+        return records, entries["size"]
 
 
-def parted(
-    waiting: dict[int, list[Messages]], horizon: int | None
-) -> tuple[dict[int, Messages], dict[int, list[Messages]]]:
-    """Part messages into those before a time, and the others; the latter in buffers of their own."""
-    before: dict[int, Messages] = {}
-    others: dict[int, list[Messages]] = {}
-    for number, parts in waiting.items():
-        ready = []
-        for part in parts:
-            count = len(part) if horizon is None else int(np.searchsorted(part.times, horizon))
-            if count:
-                ready.append(part.take(slice(None, count)))
-            if count < len(part):
-                rest = part.take(slice(count, None))
-                # In a buffer of its own, so that the contents of its chunk need not be kept.
-                own = rest if len(rest.buffer) == rest.sizes.sum() else joined([rest])
-                others.setdefault(number, []).append(own)
-        if ready:
-            before[number] = ready[0] if len(ready) == 1 else joined(ready).sorted()
-    return before, others
-
-
-def joined(parts: Sequence[Messages]) -> Messages:
-    """Join messages, in the order given, in one buffer that holds nothing else."""
-    payloads = [part.payload(row) for part in parts for row in range(len(part))]
-    times, order = (np.concatenate([getattr(part, name) for part in parts]) for name in ("times", "order"))
-    return of_payloads(payloads, times, order)
+def contents(
+    packed: bytes | memoryview, packing: str, size: int, checksum: int, most: int = CHUNK_BYTES
+) -> bytes | memoryview:
+    """Return what a chunk unpacks to, if that is as it says."""
+    raw = unpack(packed, packing, most) if packing else packed
+    if len(raw) != size:
+        raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
+    if checksum and crc32(raw) != checksum:
+        raise ValueError("its checksum is wrong")
+    return raw
 
 
 def rows_of(found: Found) -> Index:
-    """Return the table of a piece as `Piece.rows` has it; times beyond the year 2262 are left out."""
+    """Return messages as a table, shape (n, 4); times beyond the year 2262 are left out."""
     return np.array([row[:4] for row in found if 0 <= row[1] < 2**63], dtype=np.int64).reshape(-1, 4)
 
 
@@ -326,26 +369,3 @@ def timeline(found: Index, kept: Index) -> list[Span | None]:
             times = found[part, 1]
             spans.append((int(times.min()), int(times.max())) if right[part[0]] else None)
     return spans
-
-
-def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
-    """Return the log times (ns) between which something of `timeline` was lost, up to the `end` if known."""
-    lost: list[tuple[int | None, int | None]] = []
-    before: int | None = None
-    waiting = False
-    for span in spans:
-        if span is None:
-            waiting = True
-            continue
-        first, last = span
-        if waiting:
-            after = first if before is None else max(first, before)
-            if lost and lost[-1][1] == before is not None:
-                lost[-1] = lost[-1][0], after
-            else:
-                lost.append((before, after))
-            waiting = False
-        before = last if before is None else max(before, last)
-    if waiting:
-        lost.append((before, max(end, before) if end is not None and before is not None else end))
-    return lost

@@ -20,8 +20,8 @@ from formats.content import SIDE_FILES
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.db3 import connections_of
-from formats.rosbag.storage.raw_messages import WILD, Messages, astray, collected
-from formats.rosbag.storage.salvaged_file import Index, Piece, SalvagedFile
+from formats.rosbag.storage.raw_messages import WILD, Index, Messages, astray, collected
+from formats.rosbag.storage.stored_file import StoredFile, by_connection
 from formats.sqlite_pages import (
     INDEX_LEAF,
     INDEX_NODE,
@@ -40,7 +40,7 @@ _BLOCK = 1 << 20
 _COLUMNS = ("topic_id", "timestamp", "data")
 
 
-class SalvagedDb3(SalvagedFile):
+class SalvagedDb3(StoredFile):
     def open(self) -> None:
         """Find the readable pages; what a log beside the file holds is put into a copy first."""
         files = [Path(f"{self.path}{ending}") for ending in SIDE_FILES]
@@ -71,7 +71,7 @@ class SalvagedDb3(SalvagedFile):
             Path(f"{name}-shm").unlink(missing_ok=True)
         return Path(copies[self.path])
 
-    def scan(self) -> dict[int, Connection]:
+    def scan(self) -> tuple[dict[int, Connection], list[tuple[int, Index]]]:
         recovery = self.recovery
         self._pages = pages = Pages(self.data)
         size, whole = len(self.data), pages.stated * pages.size
@@ -92,11 +92,8 @@ class SalvagedDb3(SalvagedFile):
         if any(page <= pages.count for page in self._lost):
             told = ", ".join(str(page) for page in sorted(self._lost) if page <= pages.count)
             recovery.damage.append(f"pages that are not what they should be: {told[:80]}")
-        if len(rows):
-            # Only to be counted: `runs` does not go by pieces here.
-            self.pieces = [Piece(rows[:, :4], bytes)]
         self._lost_times(cut=size < whole)
-        return known
+        return known, [(topic, own[:, 1]) for topic, own in by_connection(rows)]
 
     def _tables(self) -> dict[str, _Table]:
         """Return root page and columns of each table, and of the index of times."""
