@@ -15,7 +15,7 @@ from terrain_cli.telemetry import alignment, own_clocks, raw_columns
 from terrain_cli.telemetry.assembly import Request
 from terrain_cli.telemetry.mapping import is_table, only_wheel
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
-from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.arrays import Array, Index, median
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.vocabulary.quantities import the_wheel
 
@@ -167,7 +167,7 @@ def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
     found = {topic: raw_columns.header_stamps(table) for topic, table in tables.items()}
     stamps = {topic: stamp for topic, stamp in found.items() if stamp is not None}
     remarks = []
-    lags = {t: float(np.median((logged[t] - stamp) / np.timedelta64(1, "s"))) for t, stamp in stamps.items()}
+    lags = {t: median((logged[t] - stamp) / np.timedelta64(1, "s")) for t, stamp in stamps.items()}
     clocks = {topic: alignment.seconds(stamp, 0.0) for topic, stamp in stamps.items()}
     restarted = [topic for topic, clock in clocks.items() if len(alignment.split_clock(clock)[0])]
     if restarted:

@@ -122,7 +122,7 @@ def test_nothing_is_left_of_a_command_that_is_ended(tmp_path, ending):
         start_new_session=True,
     ) as process:
         # Its memory shows that it is past the imports, and at the log.
-        while process.poll() is None and peak(process.pid) < 150_000:
+        while process.poll() is None and peak(process.pid) < 120_000:
             time.sleep(0.01)
         time.sleep(0.3)
         assert process.poll() is None

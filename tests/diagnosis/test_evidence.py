@@ -1,0 +1,163 @@
+"""What comparisons and diagnoses tell of a model."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from conclusions import ASKED, LOOK
+
+from terrain_cli.diagnosis.conclusion import conclude
+from terrain_cli.diagnosis.diagnosis_outcome import NextDrive, UnknownEffect
+from terrain_cli.diagnosis.evidence import Evidence
+from terrain_cli.models import Refused
+
+
+def compared_to(channels, **further):
+    known = {"blocks": 20, "stretch": None, "doubted": (), "refused": Refused(), "points": False}
+    known |= {"soil_count": 0, "soil_changes": [], "wheels": [None], "unsorted": False, "impossible": ()}
+    model = {"base": "wong-reece", "effects": []}
+    return SimpleNamespace(model=model, channels=channels, **{**known, "failures": [], **further})
+
+
+@pytest.mark.parametrize(("amplitude", "raised"), [(0.002, False), (-0.002, False), (0.004, True)])
+def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amplitude, raised):
+    # A torque of 1 N m, of which diagnose asks for 0.3 %.
+    torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
+    finding = SimpleNamespace(channel="torque", amplitude=amplitude)
+    found = compared_to({"torque": torque}, failures=[finding], scores=None)
+    assert Evidence.of_comparison(found).raised is raised
+
+
+def diagnosis(*, stretch=None, **known):
+    torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
+    usual = {
+        "alarm": SimpleNamespace(raised=True, small=False),
+        "unknown": None,
+        "together": (),
+        "together_or": (),
+        "candidates": [],
+        "next_drive": [],
+        "unrecorded": (),
+        "heldout": {},
+        "soils": 0,
+    }
+    return SimpleNamespace(comparison=compared_to({"torque": torque}, stretch=stretch), **{**usual, **known})
+
+
+@pytest.mark.parametrize(
+    ("driver", "form", "explained", "command"),
+    [
+        ("time", "saturating", 0.99, LOOK + " --draft law.toml"),
+        ("board V", "step", 0.99, LOOK + " --draft law.toml"),
+        ("board V", "step", 0.3, "terrain-est compare 'a run.csv' --segments none --where 'time < 40'"),
+        ("time", "step", 0.99, "terrain-est compare 'a run.csv' --segments none --where 'time < 40'"),
+    ],
+)
+def test_a_law_that_explains_most_is_more_than_a_stretch_unless_it_is_that_stretch(
+    driver, form, explained, command
+):
+    """What drifts is off most of all at one end: to leave out half of a log again and again ends nowhere."""
+    law = UnknownEffect(
+        channel="sinkage", driver=driver, form=form, explained=explained, law="", sentence="", draft=""
+    )
+    found = diagnosis(verdict="unknown", family=(), unknown=law, stretch=(40.0, math.inf))
+    assert conclude(Evidence.of_diagnosis(found), ASKED).command == command
+
+
+def test_effects_of_a_doubtful_size_explain_nothing():
+    names = ("slope", "crust", "hardpan")
+    doubts = ("", "at its bound", "")
+    found = diagnosis(
+        verdict="family",
+        family=names,
+        candidates=[
+            SimpleNamespace(
+                effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.6}, noise={}, settles=False
+            )
+            for name, doubt in zip(names, doubts, strict=True)
+        ],
+        next_drive=[
+            NextDrive(("slope", "crust"), "drive over firm ground", 0.9, settings={"part": []}),
+            NextDrive(("slope", "hardpan"), "no drive tells", 0.1, check="weigh it"),
+        ],
+    )
+    evidence = Evidence.of_diagnosis(found)
+    assert evidence.family == ("slope", "hardpan")
+    assert evidence.leaves
+    assert (evidence.drive, evidence.checks) == ("", ("weigh it",))
+    for one in found.candidates:
+        # A twelfth of the error: the noise differs by as much between models.
+        one.doubt, one.heldout = "at its bound", {"torque": 1.3}
+    assert not Evidence.of_diagnosis(found).leaves
+    assert Evidence.of_diagnosis(found).family == names
+
+
+@pytest.mark.parametrize(
+    ("noise", "heldout", "told"),
+    [
+        (
+            2.0,
+            4.4,
+            "2.2 × the noise in torque (noise of torque as estimated with sensor-lag), and sensor-lag",
+        ),
+        (3.9, 4.4, "at most 1.10 × the noise (in torque) but systematic, and sensor-lag explains"),
+        # Where compare sees it too, both say the same.
+        (2.0, 10.0, "2.5 × the noise in torque, and sensor-lag explains"),
+    ],
+)
+def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
+    """The jumps that a lag leaves; noise differs by some percent between models that miss nothing."""
+    found = SimpleNamespace(
+        comparison=compared_to({"torque": SimpleNamespace(noise=4.0, heldout_rmse=heldout)}),
+        alarm=SimpleNamespace(raised=True, small=False),
+        verdict="effect",
+        unknown=None,
+        family=("sensor-lag",),
+        together=(),
+        together_or=(),
+        candidates=[
+            SimpleNamespace(
+                effect="sensor-lag",
+                doubt="",
+                explained=0.9,
+                heldout={"torque": 2.0},
+                noise={"torque": noise},
+                settles=False,
+            )
+        ],
+        next_drive=[],
+        unrecorded=(),
+        heldout={},
+        soils=0,
+    )
+    assert told in conclude(Evidence.of_diagnosis(found), ASKED).sentence
+
+
+@pytest.mark.parametrize(
+    ("settles", "heldout", "left"),
+    [
+        (True, 1.0, ("the unit of load",)),
+        (False, 1.0, ("the unit of torque", "the unit of load")),
+        # What an effect leaves much of is not explained by it.
+        (True, 3.0, ("the unit of torque", "the unit of load")),
+    ],
+)
+def test_an_effect_that_explains_the_misfit_removes_the_doubt_of_a_unit(settles, heldout, left):
+    torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
+    warm = SimpleNamespace(effect="motor-temperature", doubt="", explained=1.0, noise={}, settles=settles)
+    warm.heldout = {"torque": heldout}
+    found = SimpleNamespace(
+        comparison=compared_to({"torque": torque}, doubted=("the unit of torque", "the unit of load")),
+        alarm=SimpleNamespace(raised=True, small=False),
+        verdict="effect",
+        unknown=None,
+        family=("motor-temperature",),
+        together=(),
+        together_or=(),
+        candidates=[warm],
+        next_drive=[],
+        unrecorded=(),
+        heldout={},
+        soils=0,
+    )
+    assert Evidence.of_diagnosis(found).doubted == left
