@@ -225,12 +225,13 @@ def with_own_load(data: SmoothedData, load: Array | None, share: float) -> Smoot
 
 
 def felt(model: Model, data: SmoothedData, numbers: Mapping[str, Array], load: Array) -> float:
-    """Return which share of what the measured `load` of samples is off their neighbours' every channel shows.
+    """Return which share of what the measured `load` of samples is off their neighbours' a channel shows.
 
     Rough ground changes the load from sample to sample; so does noise, to which no wheel answers, and which
     lowers the slope of what is measured over what is predicted by as much (regression calibration, Carroll
-    et al. 2006, Measurement Error in Nonlinear Models, chapter 4). A sensor that is late shows less of it.
-    Where more than half is noise, neighbours tell the load better, and the answer is 0.
+    et al. 2006, Measurement Error in Nonlinear Models, chapter 4). A sensor that is late shows less of it:
+    told is the channel that shows most. Where more than half is noise, neighbours tell the load better, and
+    the answer is 0.
     """
     smooth, rough = (forecast(model, with_own_load(data, load, share), numbers)[0] for share in (0.0, 1.0))
     shares = []
@@ -239,8 +240,8 @@ def felt(model: Model, data: SmoothedData, numbers: Mapping[str, Array], load: A
         known = data.use & np.isfinite(change) & np.isfinite(off)
         size = float(change[known] @ change[known])
         shares.append(float(change[known] @ off[known]) / size if size > 0.0 else 0.0)
-    least = min(shares, default=0.0)
-    return min(least, 1.0) if least > 0.5 else 0.0
+    most = max(shares, default=0.0)
+    return min(most, 1.0) if most > 0.5 else 0.0
 
 
 def residual(data: SmoothedData, predicted: Mapping[str, Array]) -> Array:

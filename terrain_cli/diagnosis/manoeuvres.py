@@ -11,6 +11,7 @@ import numpy as np
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.mechanics.effect import Effect
+from terrain_cli.mechanics.past import Past
 from terrain_cli.telemetry.effect_inputs import RUT
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.quantities import number
@@ -57,7 +58,7 @@ class Conditions:
         middle = {
             name: float(np.nanmedian(column[data.use]))
             for name, column in known.items()
-            if np.isfinite(column[data.use]).any()
+            if not isinstance(column, Past) and np.isfinite(column[data.use]).any()
         }
         slip = float(np.clip(round(middle["slip"], 2), 0.05, 0.6))
         radius = data.geometry.radius

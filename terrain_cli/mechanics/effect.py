@@ -259,8 +259,7 @@ class Effect:
     any_of : tuple of str
         Channels at least one of which it needs besides.
     uses : tuple of str
-        What its laws read besides where it is there. ``NAME_rate_L`` is the mean rate of a channel over the
-        next L seconds, of those in `rates.LEADS`.
+        What its laws read besides where it is there.
     formula : str
         The law as a person reads it.
     explanation : str
@@ -276,6 +275,8 @@ class Effect:
     others : tuple of mapping of str to callable
         The same effect, with the same parameters, as others write it: what stands in place of `laws`.
         A model has `laws`; a diagnosis names the effect whichever of them the data follow.
+    remembers : bool
+        Whether its laws read what the model predicts before a sample (`past.Past`).
     """
 
     id: str
@@ -293,6 +294,7 @@ class Effect:
     settled_by: str = ""
     sums: tuple[Sum, ...] = ()
     others: tuple[Mapping[str, Law], ...] = ()
+    remembers: bool = False
     origin: str = field(default="catalogue", compare=False)
 
     @property

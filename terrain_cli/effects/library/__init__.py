@@ -29,6 +29,7 @@ def effect(name: str) -> Effect:
         needs=tuple(entry.get("needs", ())),
         any_of=tuple(entry.get("any_of", ())),
         uses=tuple(entry.get("uses", ())),
+        remembers=entry.get("remembers", False),
         **told,
     )
 

@@ -116,6 +116,16 @@ class Fit(Parameters):
     def __len__(self) -> int:
         return len(self.n)
 
+    def of_windows(self, fixed: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """Return every parameter of every window, the usual ones where there are no samples."""
+        found: dict[str, Array] = {}
+        for name in (*self.model.soil, *self.model.parameters):
+            known = self.values.get(name, self.shared.get(name, fixed.get(name)))
+            column = np.broadcast_to(np.asarray(known, dtype=float), self.n.shape)
+            usual = np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 1.0
+            found[name] = np.where(np.isfinite(column), column, usual)
+        return found
+
     @property
     def phi(self) -> Array:
         """Friction angle, rad."""

@@ -1,0 +1,202 @@
+"""What a model predicts along whole stretches, and what a sensor shows of it that is late.
+
+A law sees one sample at a time, and some of the samples only; what is shown late depends on the samples
+before. So a law is given the whole series of its channel as the model predicts it without the lag. Taken
+from the prediction, a lag has no noise of what was measured in it, and none is made larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from terrain_cli.mechanics.dual import chain, slopes, value
+from terrain_cli.mechanics.rates import level, wheel_angle
+from terrain_cli.vocabulary.arrays import Array, Index
+
+#: Share of a sample's step by which a delay is changed to differentiate by it: at a sample, where the
+#: series has a corner, the mean of both sides.
+_STEP = 1e-3
+_SHARE = 1e-6  # Share by which a time constant is
+_FORGOTTEN = 1e-12  # Share of a sample that is nothing any more
+_KEPT = 64  # Lags of which what is shown is kept
+SUFFIX = "_past"  # What a law calls the past of a channel
+
+
+class Series:
+    """A predicted channel along whole stretches, of which the samples may come in any order."""
+
+    def __init__(self, clocks: Mapping[str, Array], stretch: Index, values: Array) -> None:
+        self.order = np.lexsort((clocks["time"], stretch))
+        self.back = np.argsort(self.order)
+        own, n = stretch[self.order], len(stretch)
+        begins = np.flatnonzero(np.concatenate([[True], own[1:] != own[:-1]])[:n])
+        lengths = np.diff(np.append(begins, n))
+        self.first, self.last = np.repeat(begins, lengths), np.repeat(begins + lengths - 1, lengths)
+        self.clocks = {name: self._one_clock(clock[self.order]) for name, clock in clocks.items()}
+        known = np.isfinite(values)
+        if known.any() and not known.all():
+            time = self.clocks["time"][self.back]
+            along = np.flatnonzero(known)[np.argsort(time[known])]
+            values = np.where(known, values, np.interp(time, time[along], values[along]))
+        self.values = np.nan_to_num(values[self.order])
+        self.kept: dict[tuple[str, float, float, bool], tuple[Array, ...]] = {}
+
+    def _one_clock(self, clock: Array) -> Array:
+        """Let the stretches follow one another."""
+        risen = clock - clock[self.first]
+        whole = risen[self.last] + 1.0
+        begins = np.unique(self.first)
+        start = np.concatenate([[0.0], np.cumsum(whole[begins])[:-1]]) if len(begins) else np.zeros(0)
+        return np.asarray(risen + np.repeat(start, np.diff(np.append(begins, len(clock)))))
+
+    def change(self, clock: str, delay: float, constant: float, *, sloped: bool) -> tuple[Array, ...]:
+        """Return by how much what is shown is off what is true, and its derivatives by delay and constant."""
+        key = clock, delay, constant, sloped
+        if key not in self.kept:
+            if len(self.kept) >= _KEPT:
+                self.kept.clear()
+            found = self._shown(clock, delay, constant)
+            parts = [found - self.values]
+            if sloped:
+                step = np.diff(self.clocks[clock])
+                small = _STEP * (float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 1.0)
+                ends = (self._shown(clock, delay + way * small, constant) for way in (1.0, -1.0))
+                by_delay = np.subtract(*ends) / (2.0 * small)
+                by_constant = by_delay
+                if constant:
+                    nearby = self._shown(clock, delay, constant * (1.0 + _SHARE))
+                    by_constant = (nearby - found) / (constant * _SHARE)
+                parts += [by_delay, by_constant]
+            self.kept[key] = tuple(part[self.back] for part in parts)
+        return self.kept[key]
+
+    def _shown(self, name: str, delay: float, constant: float) -> Array:
+        clock, shown = self.clocks[name], self.values
+        if delay:
+            at = np.clip(clock - delay, clock[self.first], clock[self.last])
+            shown = np.interp(at, clock, shown)
+        if constant > 0.0:
+            return _filtered(clock, self.first == np.arange(len(clock)), shown, constant)
+        if constant < 0.0:
+            # Ahead of what is true, to which it comes at the end.
+            ends = (self.last == np.arange(len(clock)))[::-1]
+            return _filtered(clock[-1:] - clock[::-1], ends, shown[::-1], -constant)[::-1]
+        return shown
+
+
+def _filtered(clock: Array, begins: Index, true: Array, constant: float) -> Array:
+    """Let what is shown follow what is true: constant · d(shown)/d(clock) = true − shown, settled at first.
+
+    Exact for what is straight between samples.
+    """
+    step = np.diff(clock, prepend=clock[:1]) / constant
+    kept = np.exp(-step)
+    part = np.divide(-np.expm1(-step), step, out=np.ones(len(step)), where=step > 1e-12)
+    before = np.concatenate([true[:1], true[:-1]])
+    found = np.where(begins, true, (part - kept) * before + (1.0 - part) * true)
+    kept[begins] = 0.0
+    # Twice as many samples before each one are taken in with every turn.
+    reach = 1
+    while reach < len(found) and kept.max() > _FORGOTTEN:
+        found[reach:] += kept[reach:] * found[:-reach]
+        kept[reach:] *= kept[:-reach]
+        reach *= 2
+    return found
+
+
+class Past:
+    """The series of a channel as some samples see it; taking some of these takes the whole series along.
+
+    `place` is which sample of the series each of them is, or between which.
+    """
+
+    def __init__(self, series: Series, place: Index) -> None:
+        self.series, self.place = series, place
+
+    def __getitem__(self, rows: Any) -> Past:
+        return Past(self.series, self.place[rows])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.place.shape
+
+    @property
+    def size(self) -> int:
+        return self.place.size
+
+    def change(self, delay: Any, constant: Any, clock: Literal["time", "way"] = "time") -> Any:
+        """Return by how much what is shown is off what is true where it is late, with its derivatives.
+
+        A delay and then a first-order filter: numbers, or one of each sample. Nothing where the clock, which
+        is the time or the way driven, is not known.
+        """
+        if clock not in self.series.clocks:
+            return 0.0
+        sloped = bool(slopes(delay) or slopes(constant))
+        pairs = np.stack(np.broadcast_arrays(value(delay), value(constant), self.place)[:2], axis=-1)
+        found = np.zeros((3 if sloped else 1, len(self.place)))
+        each: list[tuple[Any, Any]]
+        if len(pairs) and np.all(pairs == pairs[0]):
+            each = [(pairs[0], slice(None))]
+        else:
+            unique, which = np.unique(pairs, axis=0, return_inverse=True)
+            each = [(pair, np.flatnonzero(which.ravel() == k)) for k, pair in enumerate(unique)]
+        for (one, other), rows in each:
+            if one or other or sloped:
+                parts = self.series.change(clock, float(one), float(other), sloped=sloped)
+                found[:, rows] = [self._here(part, rows) for part in parts]
+        return chain(found[0], [(found[1], delay), (found[2], constant)]) if sloped else found[0]
+
+    def _here(self, whole: Array, rows: Any) -> Array:
+        place = self.place[rows]
+        if place.dtype.kind == "i":
+            return np.asarray(whole[place])
+        return np.asarray(np.interp(place, np.arange(len(whole)), whole))
+
+
+def along(
+    time: Array,
+    stretch: Index,
+    velocity: Array | None,
+    predicted: Mapping[str, Array],
+    measured: Mapping[str, Array] | None = None,
+) -> dict[str, Any]:
+    """Return what laws call the past of predicted channels, of all samples of a wheel; time in s.
+
+    Noise of the inputs is in a prediction too, and less of it where this is shifted or filtered, so that any
+    lag would seem to help. It is taken off, unless what is `measured` changes from sample to sample as well.
+    """
+    clocks, order = {"time": time}, np.lexsort((time, stretch))
+    if measured is not None and not _rough(stretch[order], order, predicted, measured):
+        predicted = {name: _smooth(time, stretch, order, one) for name, one in predicted.items()}
+    if velocity is not None and np.isfinite(velocity).any():
+        way = np.empty(len(time))
+        pace = np.abs(velocity[order])
+        known = np.flatnonzero(np.isfinite(pace))
+        pace = np.interp(np.arange(len(pace)), known, pace[known])
+        way[order] = wheel_angle(time[order], stretch[order], pace)
+        clocks["way"] = way
+    place = np.arange(len(time))
+    return {f"{name}{SUFFIX}": Past(Series(clocks, stretch, one), place) for name, one in predicted.items()}
+
+
+def _rough(
+    stretch: Index, order: Index, predicted: Mapping[str, Array], measured: Mapping[str, Array]
+) -> bool:
+    """Tell whether some channel shows more than half of how what is predicted changes between samples."""
+    same = stretch[2:] == stretch[:-2]
+    for name in predicted.keys() & measured.keys():
+        change, shown = (np.diff(one[name][order], 2)[same] for one in (predicted, measured))
+        known = np.isfinite(change) & np.isfinite(shown)
+        if change[known] @ shown[known] > 0.5 * (change[known] @ change[known]):
+            return True
+    return False
+
+
+def _smooth(time: Array, stretch: Index, order: Index, values: Array) -> Array:
+    found = np.empty(len(values))
+    found[order] = level(time[order], stretch[order], values[order])
+    return np.where(np.isfinite(found), found, values)
