@@ -25,7 +25,7 @@ from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.fit_result import at_end
 from terrain_cli.estimation.wheel_fit.late_channels import behind
-from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns, present, unknowns
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
 from terrain_cli.mechanics import past
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -68,20 +68,21 @@ class FittedWheel:
         self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
         told: dict[str, Any] = {"fixed": settings.fixed, "priors": settings.priors, "shared": settings.shared}
 
-        def fitted(before: Mapping[str, Any]) -> Fit:
+        def fitted(late: Mapping[str, Any], near: Fit | None) -> Fit:
             return fit(
                 model,
                 self.geometry,
-                {**self.channels, **before},
+                {**self.channels, **late},
                 windows.bounds,
                 **told,
                 noise=settings.noise,
                 by_differences=True,
                 given="sinkage" if "sinkage" in self.channels else "load",
                 correlated=self.ordered,
+                near=near,
             )
 
-        def past_of(found: Fit) -> Mapping[str, Any]:
+        def past_of(found: Fit) -> dict[str, Any]:
             self.parameters = found.of_windows(settings.fixed)
             return self.past_of(self._read(smoothed_channels.GAPS))
 
@@ -159,15 +160,10 @@ class FittedWheel:
 
     def beginning(self) -> tuple[Array, Array]:
         """Return where a search begins: at the fit, in prior standard deviations from the prior means."""
-        local = [self._sought_value(u) for u in self.sought.local]
-        shared = [float(np.ravel(self._sought_value(u))[0]) for u in self.sought.shared]
+        local = [u.sought(self.parameters[u.name]) for u in self.sought.local]
+        shared = [float(np.ravel(u.sought(self.parameters[u.name]))[0]) for u in self.sought.shared]
         t = np.stack(local, axis=1) if local else np.zeros((len(self.windows), 0))
         return np.clip(t, -_FAR, _FAR), np.array(shared)
-
-    def _sought_value(self, unknown: Unknown) -> Array:
-        column = self.parameters[unknown.name]
-        number = np.log(np.maximum(column, 1e-300)) if unknown.logarithm else column
-        return np.asarray((number - unknown.mean) / unknown.sd)
 
     def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.SmoothedData:
         """Prepare a fit by `smoothed_fit.solve`.
@@ -373,7 +369,9 @@ class FittedWheel:
             total += np.nan_to_num(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny)
         return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
-    def past_of(self, channels: Mapping[str, Array], found: Mapping[str, Array] | None = None) -> Any:
+    def past_of(
+        self, channels: Mapping[str, Array], found: Mapping[str, Array] | None = None
+    ) -> dict[str, Any]:
         """Return the past of what is `found` of all samples, by default predicted; none of steady points."""
         if (time := self.windows.samples.time) is None:
             return {}

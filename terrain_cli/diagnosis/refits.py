@@ -120,15 +120,18 @@ def _settled(
     data: Ground, index: int, part: SmoothedData, solution: Solution
 ) -> tuple[SmoothedData, Solution]:
     """Fit a model anew behind what it predicts itself, until that is what it was behind."""
+    wheel, rows = data.wheels[index], data.rows[index]
+    widths = np.array([unknown.sd for unknown in solution.unknowns.shared])
     for _ in range(PASSES):
-        before, wheel, rows = solution.common, data.wheels[index], data.rows[index]
+        before = solution.common
         every = _remembering(wheel, data.whole[index], solution).inputs
         late = {name: column[rows] for name, column in every.items() if isinstance(column, Past)}
         part = replace(part, inputs={**part.inputs, **late})
         solution = smoothed_fit.solve(
             solution.model, solution.unknowns, part, solution.t, solution.common, rounds=1
         )
-        if settled(solution.common, before):
+        errors = np.sqrt(np.diagonal(smoothed_fit.covariance(part, solution)[1]))
+        if settled(widths * (solution.common - before), errors):
             break
     return part, solution
 

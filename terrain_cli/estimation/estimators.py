@@ -166,7 +166,7 @@ def estimate(
         every = {**with_rivals(with_contact(own), whole, rivals)[1], **_channels(whole)}
         return predicted_past.of_fit(whole, windows, every, found, held)
 
-    fit = behind(lambda past: run({**channels, **past}), past_of)
+    fit = behind(lambda late, near: run({**channels, **late}, near=near), past_of)
     if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
         fewer = needed(whole, own)
         if len(fewer) < len(whole):
@@ -276,6 +276,7 @@ def _fit(
     robust: bool,
     joint: Collection[int],
     begun: Noise | None,
+    near: Fit | None,
 ) -> Fit:
     samples = windows.samples
     priors = _priors(samples, file)
@@ -299,6 +300,7 @@ def _fit(
             min_samples=min_samples,
             joint=joint,
             begun=begun,
+            near=near,
             suspects=lacking,
         )
 

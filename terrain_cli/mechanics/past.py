@@ -7,6 +7,7 @@ from the prediction, a lag has no noise of what was measured in it, and none is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -43,6 +44,8 @@ class Series:
             values = np.where(known, values, np.interp(time, time[along], values[along]))
         self.values = np.nan_to_num(values[self.order])
         self.kept: dict[tuple[str, float, float, bool], tuple[Array, ...]] = {}
+        #: Of each clock, how far before or after a sample the farthest lies that was asked for.
+        self.reach: dict[str, float] = {}
 
     def _one_clock(self, clock: Array) -> Array:
         """Let the stretches follow one another."""
@@ -59,6 +62,8 @@ class Series:
             if len(self.kept) >= _KEPT:
                 self.kept.clear()
             found = self._shown(clock, delay, constant)
+            far = abs(delay) - abs(constant) * math.log(_FORGOTTEN)
+            self.reach[clock] = max(far, self.reach.get(clock, 0.0))
             parts = [found - self.values]
             if sloped:
                 step = np.diff(self.clocks[clock])
@@ -113,7 +118,7 @@ class Past:
     `place` is which sample of the series each of them is, or between which.
     """
 
-    def __init__(self, series: Series, place: Index) -> None:
+    def __init__(self, series: Series, place: Index | Array) -> None:
         self.series, self.place = series, place
 
     def __getitem__(self, rows: Any) -> Past:
@@ -169,18 +174,46 @@ def along(
     Noise of the inputs is in a prediction too, and less of it where this is shifted or filtered, so that any
     lag would seem to help. It is taken off, unless what is `measured` changes from sample to sample as well.
     """
-    clocks, order = {"time": time}, np.lexsort((time, stretch))
+    order = np.lexsort((time, stretch))
     if measured is not None and not _rough(stretch[order], order, predicted, measured):
         predicted = {name: _smooth(time, stretch, order, one) for name, one in predicted.items()}
+    clocks, place = _clocks(time, stretch, velocity, order), np.arange(len(time))
+    return {f"{name}{SUFFIX}": Past(Series(clocks, stretch, one), place) for name, one in predicted.items()}
+
+
+def _clocks(time: Array, stretch: Index, velocity: Array | None, order: Index) -> dict[str, Array]:
+    """Return the time and, where a speed is known, the way driven."""
+    clocks = {"time": time}
     if velocity is not None and np.isfinite(velocity).any():
-        way = np.empty(len(time))
+        clocks["way"] = np.empty(len(time))
         pace = np.abs(velocity[order])
         known = np.flatnonzero(np.isfinite(pace))
         pace = np.interp(np.arange(len(pace)), known, pace[known])
-        way[order] = wheel_angle(time[order], stretch[order], pace)
-        clocks["way"] = way
-    place = np.arange(len(time))
-    return {f"{name}{SUFFIX}": Past(Series(clocks, stretch, one), place) for name, one in predicted.items()}
+        clocks["way"][order] = wheel_angle(time[order], stretch[order], pace)
+    return clocks
+
+
+def reaches(channels: Mapping[str, Any]) -> dict[str, float]:
+    """Return, of each clock, how far from a sample the farthest lies that laws have asked these for."""
+    found: dict[str, float] = {}
+    for column in channels.values():
+        for clock, reach in column.series.reach.items() if isinstance(column, Past) else ():
+            found[clock] = max(reach, found.get(clock, 0.0))
+    return found
+
+
+def around(
+    time: Array, velocity: Array | None, begin: int, end: int, reach: Mapping[str, float]
+) -> tuple[int, int]:
+    """Return the first of the samples of one stretch that those from `begin` to `end` need, and their end."""
+    clocks = _clocks(time, np.zeros(len(time), dtype=np.intp), velocity, np.arange(len(time)))
+    first, last = begin, end
+    for clock, far in reach.items():
+        column = clocks[clock]
+        # The neighbours between which that lies, and those of the rate.
+        first = min(first, int(np.searchsorted(column, column[begin] - far)) - 2)
+        last = max(last, int(np.searchsorted(column, column[end - 1] + far)) + 3)
+    return max(first, 0), min(last, len(time))
 
 
 def _rough(

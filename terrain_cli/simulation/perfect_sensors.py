@@ -107,7 +107,7 @@ class Physics:
         still = standing(here["velocity"], self.scenario.geometry.radius)
         sign = np.where(here["velocity"] < 0.0, -1.0, 1.0)
         pace = np.where(still, abs(self.scenario.speed), np.abs(here["velocity"]))
-        known = {**here, "time": time, "velocity": pace}
+        known: dict[str, Any] = {**here, "time": time, "velocity": pace}
         known |= {name: sign * here[name] for name in _MIRRORED}
         known["wheel_angle"] = np.interp(time, self.ride.time, self.angle)
         for name, series in self.rates.items():

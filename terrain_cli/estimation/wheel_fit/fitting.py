@@ -29,6 +29,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     inside,
     newton,
 )
+from terrain_cli.estimation.wheel_fit.late_channels import nothing_late
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
@@ -107,6 +108,7 @@ def fit(
     min_samples: int = FIT_SAMPLES,
     joint: Collection[int] = (),
     begun: Noise | None = None,
+    near: Fit | None = None,
     suspects: Sequence[Effect] | None = None,
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
@@ -122,14 +124,14 @@ def fit(
 
     The noise is learnt from the data if not given (`learnt_noise`), `by_differences` only its white part;
     learning begins where it has `begun`, with what was learnt from most of these samples, and then takes half
-    of the time. A `robust` fit gives samples far from it less weight (Huber 1964), at the cost of 5 % of
-    efficiency. `given`: predict load, torque and drawbar pull at the sinkage measured; or solve for the
-    sinkage from the load, and predict sinkage, torque and drawbar pull. Steady test points are not
-    `correlated`: they do not follow each other in time; of others there are so many in a `second`. Windows of
-    fewer than `min_samples` are "too-few-samples"; of the windows `joint` the joint posterior of c and φ is
-    laid out on a grid. `suspects` are effects that the model lacks, which would show here (`Fit.moved`); with
-    them, even if there are none, errors hold what a model that misses the torque may be off
-    (`posterior.with_model_error`).
+    of the time. The search begins where a fit of nearly the same ended, if there is one `near`. A `robust`
+    fit gives samples far from it less weight (Huber 1964), at the cost of 5 % of efficiency. `given`: predict
+    load, torque and drawbar pull at the sinkage measured; or solve for the sinkage from the load, and predict
+    sinkage, torque and drawbar pull. Steady test points are not `correlated`: they do not follow each other
+    in time; of others there are so many in a `second`. Windows of fewer than `min_samples` are
+    "too-few-samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid. `suspects`
+    are effects that the model lacks, which would show here (`Fit.moved`); with them, even if there are none,
+    errors hold what a model that misses the torque may be off (`posterior.with_model_error`).
 
     InputError: a channel that the model needs is missing.
     """
@@ -139,6 +141,7 @@ def fit(
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     under = mean_load(data.channels), wheel.radius
+    fixed = {**nothing_late(model, data.channels), **(fixed or {})}
     sought = unknowns(model, fixed=fixed, priors=priors, shared=shared, local=local, under=under)
     problem = Problem(
         model=model,
@@ -149,8 +152,8 @@ def fit(
         robust=robust or not by_differences,
     )
     learner: LikelyNoise | ScaledDifferences | None = None
-    state: State | None = None
-    likely = [Learnt(problem=problem)]
+    state = ended = _where_ended(near, problem, data)
+    likely = [Learnt(problem=problem, begun=ended)]
     if noise is None:
         learner = (
             ScaledDifferences(data, ordered=correlated)
@@ -158,14 +161,14 @@ def fit(
             else LikelyNoise(data, problem.unknowns, ordered=correlated, second=second, near=True)
         )
         if begun is None or begun.relative.keys() != learner.noise.relative.keys():
-            problem, dof, state = _learn(problem, data, learner)
-            likely = [Learnt(problem=problem, dof=dof, others=learner.others())]
+            problem, dof, state = _learn(problem, data, learner, ended)
+            likely = [Learnt(problem=problem, dof=dof, begun=ended, others=learner.others())]
         else:
             problem = replace(problem, noise=begun)
     if not by_differences:
-        data, near = _without_wild(problem, data, state)
+        data, ended = _without_wild(problem, data, state)
         problem = replace(problem, robust=robust)
-        likely = [replace(likely[0], problem=problem, begun=near)]
+        likely = [replace(likely[0], problem=problem, begun=ended)]
         if learner is not None:
             likely = _anew(likely[0], data, state, ordered=correlated, second=second)
     fits = [_fitted(one, data, correlated=correlated, tempered=by_differences) for one in likely]
@@ -212,6 +215,19 @@ def fit(
             about = parameters((*model.soil, *local), sought, found, filled, spread)
             result = replace(result, **{f.name: getattr(about, f.name) for f in fields(about)})
     return replace(result, grids=valley.grids(problem, data, found, about, joint, order))
+
+
+def _where_ended(near: Fit | None, problem: Problem, data: FitData) -> State | None:
+    """Return where the search of a fit of the same windows ended; None if it did not, or there is none."""
+    if near is None or not near.converged.all():
+        return None
+    sought = problem.unknowns
+    t = [u.sought(near.values[u.name]) for u in sought.local]
+    common = np.array([float(u.sought(near.shared[u.name])) for u in sought.shared])
+    columns = np.nan_to_num(np.stack(t, axis=1)) if t else np.zeros((len(data.windows), 0))
+    state = initial(data, inside(sought.local, columns), inside(sought.shared, common))
+    state.converged[:] = True
+    return state
 
 
 def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, second: float) -> list[Learnt]:
