@@ -86,7 +86,7 @@ class FittedWheel:
             self.parameters = found.of_windows(settings.fixed)
             return self.past_of(self._read(smoothed_channels.GAPS))
 
-        self.fit = behind(fitted, past_of)
+        self.fit = behind(fitted, past_of, self.channels, settings.fixed)
         self.under = self.fit.under
         self.seek(unknowns(model, **told, under=self.under))
         self.parameters = self.fit.of_windows(settings.fixed)

@@ -24,7 +24,7 @@ from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
-from terrain_cli.estimation.wheel_fit.late_channels import PASSES, settled
+from terrain_cli.estimation.wheel_fit.late_channels import PASSES, nearest_lags, settled
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
 from terrain_cli.mechanics.past import Past
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -282,6 +282,10 @@ def _solved(
         begun = [_from(several, sought, part.windows) for several in places]
         return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
+    lags = nearest_lags(hypothesis.model, part.inputs, part.measured, sought.fixed)
+    common = np.array(
+        [u.sought(lags[u.name]) if u.name in lags else x for u, x in zip(sought.shared, common, strict=True)]
+    )
     names = hypothesis.parameters if any(p.shape for p in hypothesis.parameters.values()) else ()
     there = present(sought, common, wheel.channels, smoothed_fit.PRESENT, names)
     shared = [*there] or [common]

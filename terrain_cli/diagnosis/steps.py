@@ -318,10 +318,6 @@ def next_drives(case: Case, ranked: Ranked, members: Sequence[Fitted]) -> list[N
 def _best_form(data: Ground, one: Hypothesis) -> Fitted:
     """Fit a hypothesis in the form of its law that predicts best."""
     plain, *others = [(form, refits.refit(data, form)) for form in one.forms]
-    if one.model.remembers and others:
-        # What changes fast leads no search for a delay to one that is long; a filter is found from afar.
-        begun = refits.refit(data, one, begun=others[0][1].solutions)
-        plain = min(plain, (one, begun), key=lambda pair: float(pair[1].loss.sum()))
     # Another form stands for the effect only where it fits by what the effect can be.
     forms = [plain, *(pair for pair in others if not refit_ranking.doubt(data, *pair))]
     return min(forms, key=lambda pair: float(pair[1].loss.sum()))

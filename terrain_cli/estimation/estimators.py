@@ -166,7 +166,7 @@ def estimate(
         every = {**with_rivals(with_contact(own), whole, rivals)[1], **_channels(whole)}
         return predicted_past.of_fit(whole, windows, every, found, held)
 
-    fit = behind(lambda late, near: run({**channels, **late}, near=near), past_of)
+    fit = behind(lambda late, near: run({**channels, **late}, near=near), past_of, channels, held)
     if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
         fewer = needed(whole, own)
         if len(fewer) < len(whole):

@@ -55,6 +55,11 @@ class Series:
         start = np.concatenate([[0.0], np.cumsum(whole[begins])[:-1]]) if len(begins) else np.zeros(0)
         return np.asarray(risen + np.repeat(start, np.diff(np.append(begins, len(clock)))))
 
+    def step(self, clock: str) -> float:
+        """Return the usual step of a clock from one sample to the next; 0 where it is not known."""
+        step = np.diff(self.clocks.get(clock, np.zeros(0)))
+        return float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 0.0
+
     def change(self, clock: str, delay: float, constant: float, *, sloped: bool) -> tuple[Array, ...]:
         """Return by how much what is shown is off what is true, and its derivatives by delay and constant."""
         key = clock, delay, constant, sloped
@@ -66,8 +71,7 @@ class Series:
             self.reach[clock] = max(far, self.reach.get(clock, 0.0))
             parts = [found - self.values]
             if sloped:
-                step = np.diff(self.clocks[clock])
-                small = _STEP * (float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 1.0)
+                small = _STEP * (self.step(clock) or 1.0)
                 ends = (self._shown(clock, delay + way * small, constant) for way in (1.0, -1.0))
                 by_delay = np.subtract(*ends) / (2.0 * small)
                 by_constant = by_delay
@@ -131,6 +135,11 @@ class Past:
     @property
     def size(self) -> int:
         return self.place.size
+
+    @property
+    def predicted(self) -> Array:
+        """What is true, of each of these samples."""
+        return self._here(self.series.values[self.series.back], slice(None))
 
     def change(self, delay: Any, constant: Any, clock: Literal["time", "way"] = "time") -> Any:
         """Return by how much what is shown is off what is true where it is late, with its derivatives.

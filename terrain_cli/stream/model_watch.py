@@ -127,7 +127,10 @@ class SegmentWatch:
             given = file.model, self._wheel, {**channels, **late}, windows.bounds
             return wheel_fit.fit(*given, **told, near=near)
 
-        fit = behind(fitted, lambda found: predicted_past.of_fit(windows, windows, channels, found, held))
+        def past_of(found: wheel_fit.Fit) -> dict[str, Any]:
+            return predicted_past.of_fit(windows, windows, channels, found, held)
+
+        fit = behind(fitted, past_of, channels, held)
         self._values = {name: float(column[0]) for name, column in fit.of_windows(held).items()}
         self._names = fit.names
         self.compared = prediction.compared(self._model, channels)

@@ -1,43 +1,83 @@
 """Fits of models in which a channel is late: behind what a fit before predicts."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 
 from terrain_cli.estimation.wheel_fit.fit_result import Fit
-from terrain_cli.mechanics.past import Past
+from terrain_cli.mechanics.past import SUFFIX, Past
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array
 
 #: Times at most that a model is fitted behind what it predicts, and the share of its standard error by which
 #: a parameter moves that is settled. A pull late by 0.4 s came out as 0.51, 0.39, 0.40.
 PASSES, _CLOSE = 6, 0.1
+_TRIED = 400  # Lags that are tried at the most: every 10 ms up to 2 s. They take less time than a fit.
+_CLOCKS: dict[str, Literal["time", "way"]] = {"s": "time", "m": "way"}  # By the unit of a lag
 
 
 def behind(
-    fitted: Callable[[Mapping[str, Any], Fit | None], Fit], past_of: Callable[[Fit], Mapping[str, Any]]
+    fitted: Callable[[Mapping[str, Any], Fit | None], Fit],
+    past_of: Callable[[Fit], Mapping[str, Any]],
+    measured: Mapping[str, Any],
+    held: Mapping[str, Any],
 ) -> Fit:
     """Fit a model; where it has late channels, again behind what it predicts, until that is settled.
 
     `fitted` fits it with the past of some channels, from where a fit ended that had nearly the same, and
-    `past_of` returns what a fit predicts along whole stretches, without what it has late.
+    `past_of` returns what a fit predicts along whole stretches, without what it has late. `measured` are the
+    channels, and `held` the parameters that are not sought.
     """
-    found, near = fitted({}, None), None
-    for _ in range(PASSES if found.model.remembers else 0):
-        past = past_of(found)
-        if not past:
-            break
+    found = fitted({}, None)
+    if not found.model.remembers or not (past := past_of(found)):
+        return found
+    lags = nearest_lags(found.model, past, measured, held)
+    near = replace(found, shared={**found.shared, **lags}, shared_errors={**found.shared_errors, **lags})
+    for _ in range(PASSES):
         found = fitted(past, near)
-        if near is not None:
-            names = found.shared.keys() & near.shared.keys()
-            values, before, errors = (
-                np.array([one[name] for name in names])
-                for one in (found.shared, near.shared, found.shared_errors)
-            )
-            if settled(values - before, errors):
-                break
-        near = found
+        values, before, errors = (
+            np.array([one[name] for name in near.shared])
+            for one in (found.shared, near.shared, found.shared_errors)
+        )
+        if settled(values - before, errors):
+            break
+        near, past = found, past_of(found)
+    return found
+
+
+def nearest_lags(
+    model: Model, past: Mapping[str, Any], measured: Mapping[str, Any], held: Mapping[str, Any]
+) -> dict[str, float]:
+    """Return the lags, each alone, with which what was predicted is nearest to what is measured.
+
+    Of what differs in every sample no slope leads from one delay to another: each of so many samples is
+    tried. Squares would let wild samples choose.
+    """
+    found = {}
+    for effect in model.effects if past else ():
+        usual = {p.name: held.get(effect.qualified(p), p.null) for p in effect.parameters}
+        late = [channel for channel in effect.laws if f"{channel}{SUFFIX}" in past and channel in measured]
+        for parameter in effect.parameters if effect.remembers and late else ():
+            clock = _CLOCKS.get(parameter.unit)
+            step = past[f"{late[0]}{SUFFIX}"].series.step(clock) if clock else 0.0
+            if not step or effect.qualified(parameter) in held:
+                continue
+            step = max(step, (parameter.upper - parameter.lower) / _TRIED)
+            tried = step * np.arange(np.ceil(parameter.lower / step), np.floor(parameter.upper / step) + 1.0)
+            off = np.zeros(len(tried))
+            for channel in late:
+                before, law = past[f"{channel}{SUFFIX}"], effect.laws[channel]
+                known = {channel: before.predicted, f"{channel}{SUFFIX}": before, **usual}
+                if np.array_equal(law(known), law({**known, parameter.name: step})):
+                    # Another channel than that which this lag is of.
+                    continue
+                off += [
+                    np.nanmean(np.abs(measured[channel] - law({**known, parameter.name: value})))
+                    for value in tried
+                ]
+            found[effect.qualified(parameter)] = float(tried[np.argmin(off)])
     return found
 
 
