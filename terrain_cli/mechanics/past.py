@@ -17,10 +17,9 @@ from terrain_cli.mechanics.dual import chain, slopes, value
 from terrain_cli.mechanics.rates import level, wheel_angle
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: Share of a sample's step by which a delay is changed to differentiate by it: at a sample, where the
-#: series has a corner, the mean of both sides.
-_STEP = 1e-3
-_SHARE = 1e-6  # Share by which a time constant is
+#: Share of a sample's step by which a delay is changed to differentiate by it, and of a time constant.
+_STEP, _SHARE = 1e-3, 1e-6
+_SHORT, _TERMS = 0.5, 12  # Step in time constants below which a series has so many terms: right to 1e-12
 _FORGOTTEN = 1e-12  # Share of a sample that is nothing any more
 _KEPT = 64  # Lags of which what is shown is kept
 SUFFIX = "_past"  # What a law calls the past of a channel
@@ -86,27 +85,60 @@ class Series:
         clock, shown = self.clocks[name], self.values
         if delay:
             at = np.clip(clock - delay, clock[self.first], clock[self.last])
-            shown = np.interp(at, clock, shown)
+            shown = self._between(clock, at)
         if constant > 0.0:
-            return _filtered(clock, self.first == np.arange(len(clock)), shown, constant)
+            return _filtered(clock, self.first, self.last, shown, constant)
         if constant < 0.0:
             # Ahead of what is true, to which it comes at the end.
-            ends = (self.last == np.arange(len(clock)))[::-1]
-            return _filtered(clock[-1:] - clock[::-1], ends, shown[::-1], -constant)[::-1]
+            n = len(clock) - 1
+            back = clock[-1:] - clock[::-1], n - self.last[::-1], n - self.first[::-1]
+            return _filtered(*back, shown[::-1], -constant)[::-1]
         return shown
 
+    def _between(self, clock: Array, at: Array) -> Array:
+        """Return the series at places within the same stretch."""
+        begin = np.clip(
+            np.searchsorted(clock, at, side="right") - 1, self.first, np.maximum(self.last - 1, self.first)
+        )
+        end = np.minimum(begin + 1, self.last)
+        step = clock[end] - clock[begin]
+        part = np.divide(at - clock[begin], step, out=np.zeros(len(at)), where=step > 0.0)
+        powers = _cubics(clock, self.first, self.last, self.values)[:, end]
+        return np.asarray(np.polynomial.polynomial.polyval(part, powers, tensor=False))
 
-def _filtered(clock: Array, begins: Index, true: Array, constant: float) -> Array:
+
+def _cubics(clock: Array, first: Index, last: Index, values: Array) -> Array:
+    """Return the curve from the sample before each to that one, as powers of the share of the way, (4, n).
+
+    Its slope at a sample is that of the parabola through the neighbours (Catmull & Rom 1974). Of straight
+    lines from sample to sample a place between two has less noise than both: every channel would seem to be
+    late or early by a little.
+    """
+    here = np.arange(len(values))
+    inner = here > first
+    step = np.where(inner, np.diff(clock, prepend=clock[:1]), 0.0)
+    rise = np.where(inner, np.diff(values, prepend=values[:1]), 0.0)
+    steep = np.divide(rise, step, out=np.zeros(len(step)), where=step > 0.0)
+    # At an end of a stretch there is one side alone.
+    after, ahead = (np.where(here < last, np.roll(one, -1), 0.0) for one in (step, steep))
+    whole = step + after
+    slope = np.divide(steep * after + ahead * step, whole, out=np.zeros(len(step)), where=whole > 0.0)
+    slope = np.where(inner & (here < last), slope, np.where(inner, steep, ahead))
+    before, end = step * np.roll(slope, 1), step * slope
+    start = np.where(inner, np.roll(values, 1), values)
+    return np.array([start, before, 3.0 * rise - 2.0 * before - end, before + end - 2.0 * rise])
+
+
+def _filtered(clock: Array, first: Index, last: Index, true: Array, constant: float) -> Array:
     """Let what is shown follow what is true: constant · d(shown)/d(clock) = true − shown, settled at first.
 
-    Exact for what is straight between samples.
+    Exact for the curve through the samples.
     """
     step = np.diff(clock, prepend=clock[:1]) / constant
     kept = np.exp(-step)
-    part = np.divide(-np.expm1(-step), step, out=np.ones(len(step)), where=step > 1e-12)
-    before = np.concatenate([true[:1], true[:-1]])
-    found = np.where(begins, true, (part - kept) * before + (1.0 - part) * true)
-    kept[begins] = 0.0
+    found: Array = np.sum(_cubics(clock, first, last, true) * _shares(step), axis=0)
+    begins = first == np.arange(len(true))
+    found[begins], kept[begins] = true[begins], 0.0
     # Twice as many samples before each one are taken in with every turn.
     reach = 1
     while reach < len(found) and kept.max() > _FORGOTTEN:
@@ -114,6 +146,23 @@ def _filtered(clock: Array, begins: Index, true: Array, constant: float) -> Arra
         kept[reach:] *= kept[:-reach]
         reach *= 2
     return found
+
+
+def _shares(step: Array) -> Array:
+    """Return what each power of the share of a step, in time constants, adds to a filter: (4, n)."""
+    # ∫ step · exp(step (u − 1)) uᵏ du from 0 to 1: by parts, or for short steps as a series.
+    long = np.empty((4, len(step)))
+    long[0] = -np.expm1(-step)
+    safe = np.maximum(step, _SHORT)
+    for power in range(1, 4):
+        long[power] = 1.0 - power / safe * long[power - 1]
+    powers = np.arange(4)[:, None]
+    term = step / (powers + 1.0)
+    short = term.copy()
+    for m in range(1, _TERMS):
+        term = -term * step / (powers + m + 1.0)
+        short += term
+    return np.where(step > _SHORT, long, short)
 
 
 class Past:
