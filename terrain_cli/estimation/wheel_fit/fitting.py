@@ -124,13 +124,13 @@ def fit(
 
     The noise is learnt from the data if not given (`learnt_noise`), `by_differences` only its white part;
     learning begins where it has `begun`, with what was learnt from most of these samples, and then takes half
-    of the time. The search begins where a fit of nearly the same ended, if there is one `near`. A `robust`
-    fit gives samples far from it less weight (Huber 1964), at the cost of 5 % of efficiency. `given`: predict
-    load, torque and drawbar pull at the sinkage measured; or solve for the sinkage from the load, and predict
+    of the time. Both begin where a fit of nearly the same ended, if there is one `near`. A `robust` fit gives
+    samples far from it less weight (Huber 1964), at the cost of 5 % of efficiency. `given`: predict load,
+    torque and drawbar pull at the sinkage measured; or solve for the sinkage from the load, and predict
     sinkage, torque and drawbar pull. Steady test points are not `correlated`: they do not follow each other
-    in time; of others there are so many in a `second`. Windows of fewer than `min_samples` are
-    "too-few-samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid. `suspects`
-    are effects that the model lacks, which would show here (`Fit.moved`); with them, even if there are none,
+    in time; of others there are so many in a `second`. Windows of fewer than `min_samples` are "too-few-
+    samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid. `suspects` are
+    effects that the model lacks, which would show here (`Fit.moved`); with them, even if there are none,
     errors hold what a model that misses the torque may be off (`posterior.with_model_error`).
 
     InputError: a channel that the model needs is missing.
@@ -160,11 +160,14 @@ def fit(
             if by_differences
             else LikelyNoise(data, problem.unknowns, ordered=correlated, second=second, near=True)
         )
-        if begun is None or begun.relative.keys() != learner.noise.relative.keys():
+        usual = learner.noise.relative.keys()
+        tried = () if by_differences else (near and near.noise, begun)
+        known = next((one for one in tried if one and one.relative.keys() == usual), None)
+        if known is None:
             problem, dof, state = _learn(problem, data, learner, ended)
             likely = [Learnt(problem=problem, dof=dof, begun=ended, others=learner.others())]
         else:
-            problem = replace(problem, noise=begun)
+            problem = replace(problem, noise=known)
     if not by_differences:
         data, ended = _without_wild(problem, data, state)
         problem = replace(problem, robust=robust)

@@ -6,14 +6,16 @@ from typing import Any, Literal
 
 import numpy as np
 
+from terrain_cli.estimation.wheel_fit.fit_data import Noise
 from terrain_cli.estimation.wheel_fit.fit_result import Fit
 from terrain_cli.mechanics.past import SUFFIX, Past
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array
 
 #: Times at most that a model is fitted behind what it predicts, and the share of its standard error by which
-#: a parameter moves that is settled. A pull late by 0.4 s came out as 0.51, 0.39, 0.40.
-PASSES, _CLOSE = 6, 0.1
+#: a parameter moves that is settled: the next time it moves by less than a tenth of that. A pull late by
+#: 0.4 s came out as 0.51, 0.39, 0.40; torque late by 0.3 s as 0.3016, 0.3007, 0.3008, with an error of 0.001.
+PASSES, _CLOSE = 6, 0.3
 _TRIED = 400  # Lags that are tried at the most: every 10 ms up to 2 s. They take less time than a fit.
 _CLOCKS: dict[str, Literal["time", "way"]] = {"s": "time", "m": "way"}  # By the unit of a lag
 
@@ -34,14 +36,16 @@ def behind(
     if not found.model.remembers or not (past := past_of(found)):
         return found
     lags = nearest_lags(found.model, past, measured, held)
-    near = replace(found, shared={**found.shared, **lags}, shared_errors={**found.shared_errors, **lags})
-    for _ in range(PASSES):
+    # What it left was no noise.
+    near = replace(found, shared={**found.shared, **lags}, noise=Noise())
+    for number in range(PASSES):
         found = fitted(past, near)
         values, before, errors = (
             np.array([one[name] for name in near.shared])
             for one in (found.shared, near.shared, found.shared_errors)
         )
-        if settled(values - before, errors):
+        # Behind a fit without the lags none is settled.
+        if number and settled(values - before, errors):
             break
         near, past = found, past_of(found)
     return found
@@ -82,7 +86,7 @@ def nearest_lags(
 
 
 def settled(moved: Array, errors: Array) -> bool:
-    """Tell whether no parameter moved by more than does not matter beside its standard error."""
+    """Tell whether no parameter moved by more than matters beside its standard error."""
     return bool(np.all(np.abs(moved) <= _CLOSE * errors))
 
 
