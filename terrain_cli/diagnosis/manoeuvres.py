@@ -114,12 +114,12 @@ def drivers(channels: Collection[str]) -> frozenset[str]:
     """Return what drives channels: the speed for those of the wheel and its rates."""
     speed = {"velocity", "angular_velocity", "wheel_angle"}
     found = {"speed" if name in speed else name for name in channels}
-    if RUT in found or any(f"{name}_rate" in found for name in UNITS):
+    if {RUT, "time"} & found or any(f"{name}_rate" in found for name in UNITS):
         found.add("rates")
     # A distance is a time at one speed, and not at another.
     if RUT in found:
         found.add("speed")
-    return frozenset(found)
+    return frozenset(found - {"time"})
 
 
 def checks(effects: Iterable[Effect]) -> list[str]:

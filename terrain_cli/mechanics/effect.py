@@ -306,7 +306,9 @@ class Effect:
     def reads(self) -> tuple[str, ...]:
         """Channels that make a difference to the effect: what it needs, and what it uses if it is there."""
         further = (name for parameter in self.parameters for name in parameter.needs)
-        return tuple(dict.fromkeys((*self.needs, *self.any_of, *further, *self.uses)))
+        every = dict.fromkeys((*self.needs, *self.any_of, *further, *self.uses))
+        # What is late is predicted.
+        return tuple(name for name in every if not (self.remembers and name in self.laws))
 
     @property
     def forms(self) -> tuple[Effect, ...]:

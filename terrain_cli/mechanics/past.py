@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from terrain_cli.mechanics.dual import chain, slopes, value
 from terrain_cli.mechanics.rates import level, wheel_angle
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: Share of a sample's step by which a delay is changed to differentiate by it, and of a time constant.
-_STEP, _SHARE = 1e-3, 1e-6
+_SHARE = 1e-6  # Share by which a time constant is changed to differentiate by it
 _SHORT, _TERMS = 0.5, 12  # Step in time constants below which a series has so many terms: right to 1e-12
 _FORGOTTEN = 1e-12  # Share of a sample that is nothing any more
 _KEPT = 64  # Lags of which what is shown is kept
@@ -65,54 +65,58 @@ class Series:
         if key not in self.kept:
             if len(self.kept) >= _KEPT:
                 self.kept.clear()
-            found = self._shown(clock, delay, constant)
             far = abs(delay) - abs(constant) * math.log(_FORGOTTEN)
             self.reach[clock] = max(far, self.reach.get(clock, 0.0))
+            before, by_delay = self._before(self.clocks[clock], delay)
+            found = self._filtered(clock, before, constant)
             parts = [found - self.values]
             if sloped:
-                small = _STEP * (self.step(clock) or 1.0)
-                ends = (self._shown(clock, delay + way * small, constant) for way in (1.0, -1.0))
-                by_delay = np.subtract(*ends) / (2.0 * small)
+                by_delay = self._filtered(clock, by_delay, constant)
                 by_constant = by_delay
                 if constant:
-                    nearby = self._shown(clock, delay, constant * (1.0 + _SHARE))
+                    nearby = self._filtered(clock, before, constant * (1.0 + _SHARE))
                     by_constant = (nearby - found) / (constant * _SHARE)
                 parts += [by_delay, by_constant]
             self.kept[key] = tuple(part[self.back] for part in parts)
         return self.kept[key]
 
-    def _shown(self, name: str, delay: float, constant: float) -> Array:
-        clock, shown = self.clocks[name], self.values
+    def _before(self, clock: Array, delay: float) -> tuple[Array, Array]:
+        """Return what was true a delay before each sample, within its stretch, and its slope by the delay."""
+        at, low, high = clock - delay, clock[self.first], clock[self.last]
+        curve, slope = _curve(clock, self.first, self.last, self.values)
+        true, steep = self.values, slope
         if delay:
-            at = np.clip(clock - delay, clock[self.first], clock[self.last])
-            shown = self._between(clock, at)
+            begin = np.clip(np.searchsorted(clock, at, side="right") - 1, self.first, self.last)
+            end = np.minimum(begin + 1, self.last)
+            step = np.where((at > low) & (at < high), clock[end] - clock[begin], 0.0)
+            moves = step > 0.0
+            part = np.divide(at - clock[begin], step, out=np.zeros(len(at)), where=moves)
+            cubic = curve[:, end]
+            true = np.where(moves, polyval(part, cubic, tensor=False), self.values[begin])
+            along = polyval(part, cubic[1:] * [[1.0], [2.0], [3.0]], tensor=False)
+            steep = np.where(moves, np.divide(along, step, out=np.zeros(len(at)), where=moves), slope[begin])
+        # At an end of a stretch, the mean of both sides.
+        inside = 0.5 * (np.sign(at - low) + np.sign(high - at))
+        return true, -steep * np.maximum(inside, 0.0)
+
+    def _filtered(self, name: str, true: Array, constant: float) -> Array:
+        clock = self.clocks[name]
         if constant > 0.0:
-            return _filtered(clock, self.first, self.last, shown, constant)
+            return _filtered(clock, self.first, self.last, true, constant)
         if constant < 0.0:
             # Ahead of what is true, to which it comes at the end.
             n = len(clock) - 1
             back = clock[-1:] - clock[::-1], n - self.last[::-1], n - self.first[::-1]
-            return _filtered(*back, shown[::-1], -constant)[::-1]
-        return shown
-
-    def _between(self, clock: Array, at: Array) -> Array:
-        """Return the series at places within the same stretch."""
-        begin = np.clip(
-            np.searchsorted(clock, at, side="right") - 1, self.first, np.maximum(self.last - 1, self.first)
-        )
-        end = np.minimum(begin + 1, self.last)
-        step = clock[end] - clock[begin]
-        part = np.divide(at - clock[begin], step, out=np.zeros(len(at)), where=step > 0.0)
-        powers = _cubics(clock, self.first, self.last, self.values)[:, end]
-        return np.asarray(np.polynomial.polynomial.polyval(part, powers, tensor=False))
+            return _filtered(*back, true[::-1], -constant)[::-1]
+        return true
 
 
-def _cubics(clock: Array, first: Index, last: Index, values: Array) -> Array:
-    """Return the curve from the sample before each to that one, as powers of the share of the way, (4, n).
+def _curve(clock: Array, first: Index, last: Index, values: Array) -> tuple[Array, Array]:
+    """Return the curve from the sample before each to that one, and its slope at each.
 
-    Its slope at a sample is that of the parabola through the neighbours (Catmull & Rom 1974). Of straight
-    lines from sample to sample a place between two has less noise than both: every channel would seem to be
-    late or early by a little.
+    The curve is in powers of the share of the way, (4, n). Its slope is that of the parabola through the
+    neighbours (Catmull & Rom 1974). Of straight lines from sample to sample a place between two has less
+    noise than both: every channel would seem to be late or early by a little.
     """
     here = np.arange(len(values))
     inner = here > first
@@ -126,7 +130,7 @@ def _cubics(clock: Array, first: Index, last: Index, values: Array) -> Array:
     slope = np.where(inner & (here < last), slope, np.where(inner, steep, ahead))
     before, end = step * np.roll(slope, 1), step * slope
     start = np.where(inner, np.roll(values, 1), values)
-    return np.array([start, before, 3.0 * rise - 2.0 * before - end, before + end - 2.0 * rise])
+    return np.array([start, before, 3.0 * rise - 2.0 * before - end, before + end - 2.0 * rise]), slope
 
 
 def _filtered(clock: Array, first: Index, last: Index, true: Array, constant: float) -> Array:
@@ -136,7 +140,7 @@ def _filtered(clock: Array, first: Index, last: Index, true: Array, constant: fl
     """
     step = np.diff(clock, prepend=clock[:1]) / constant
     kept = np.exp(-step)
-    found: Array = np.sum(_cubics(clock, first, last, true) * _shares(step), axis=0)
+    found: Array = np.sum(_curve(clock, first, last, true)[0] * _shares(step), axis=0)
     begins = first == np.arange(len(true))
     found[begins], kept[begins] = true[begins], 0.0
     # Twice as many samples before each one are taken in with every turn.

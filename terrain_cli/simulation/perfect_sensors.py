@@ -57,8 +57,7 @@ class Physics:
         self.felt = _without(scenario.base, scenario.model.effects, "load", "slip")
         self.effect_values = scenario.effect_values()
         self.angle = np.zeros(len(ride.time))
-        present = [chosen.effect for chosen in scenario.effects]
-        reads = {name for effect in present if not effect.remembers for name in effect.reads}
+        reads = {name for chosen in scenario.effects for name in chosen.effect.reads}
         # The yaw rate is a channel of its own.
         wanted = sorted(name for name in reads - CHANNELS.keys() if name == RUT or name.endswith(_RATE))
         # What is measured depends on what is predicted, and the other way round.
