@@ -258,8 +258,6 @@ class Effect:
         ``grouser_count`` and ``grouser_height`` are of rover.toml.
     any_of : tuple of str
         Channels at least one of which it needs besides.
-    uses : tuple of str
-        What its laws read besides where it is there.
     formula : str
         The law as a person reads it.
     explanation : str
@@ -286,7 +284,6 @@ class Effect:
     laws: Mapping[str, Law]
     needs: tuple[str, ...] = ()
     any_of: tuple[str, ...] = ()
-    uses: tuple[str, ...] = ()
     formula: str = ""
     explanation: str = ""
     shows: str = ""
@@ -306,7 +303,7 @@ class Effect:
     def reads(self) -> tuple[str, ...]:
         """Channels that make a difference to the effect: what it needs, and what it uses if it is there."""
         further = (name for parameter in self.parameters for name in parameter.needs)
-        every = dict.fromkeys((*self.needs, *self.any_of, *further, *self.uses))
+        every = dict.fromkeys((*self.needs, *self.any_of, *further))
         # What is late is predicted.
         return tuple(name for name in every if not (self.remembers and name in self.laws))
 

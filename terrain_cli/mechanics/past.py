@@ -42,6 +42,8 @@ class Series:
             along = np.flatnonzero(known)[np.argsort(time[known])]
             values = np.where(known, values, np.interp(time, time[along], values[along]))
         self.values = np.nan_to_num(values[self.order])
+        ends = self.first, self.last
+        self.curves = {name: _curve(clock, *ends, self.values) for name, clock in self.clocks.items()}
         self.kept: dict[tuple[str, float, float, bool], tuple[Array, ...]] = {}
         #: Of each clock, how far before or after a sample the farthest lies that was asked for.
         self.reach: dict[str, float] = {}
@@ -67,7 +69,7 @@ class Series:
                 self.kept.clear()
             far = abs(delay) - abs(constant) * math.log(_FORGOTTEN)
             self.reach[clock] = max(far, self.reach.get(clock, 0.0))
-            before, by_delay = self._before(self.clocks[clock], delay)
+            before, by_delay = self._before(clock, delay)
             found = self._filtered(clock, before, constant)
             parts = [found - self.values]
             if sloped:
@@ -80,10 +82,10 @@ class Series:
             self.kept[key] = tuple(part[self.back] for part in parts)
         return self.kept[key]
 
-    def _before(self, clock: Array, delay: float) -> tuple[Array, Array]:
+    def _before(self, name: str, delay: float) -> tuple[Array, Array]:
         """Return what was true a delay before each sample, within its stretch, and its slope by the delay."""
+        clock, (curve, slope) = self.clocks[name], self.curves[name]
         at, low, high = clock - delay, clock[self.first], clock[self.last]
-        curve, slope = _curve(clock, self.first, self.last, self.values)
         true, steep = self.values, slope
         if delay:
             begin = np.clip(np.searchsorted(clock, at, side="right") - 1, self.first, self.last)
