@@ -127,9 +127,7 @@ def _settled(
         every = _remembering(wheel, data.whole[index], solution).inputs
         late = {name: column[rows] for name, column in every.items() if isinstance(column, Past)}
         part = replace(part, inputs={**part.inputs, **late})
-        solution = smoothed_fit.solve(
-            solution.model, solution.unknowns, part, solution.t, solution.common, rounds=1
-        )
+        solution = smoothed_fit.solve(solution.model, solution.unknowns, part, solution.t, before, rounds=1)
         errors = np.sqrt(np.diagonal(smoothed_fit.covariance(part, solution)[1]))
         if settled(widths * (solution.common - before), errors):
             break
@@ -283,9 +281,8 @@ def _solved(
         return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
     lags = nearest_lags(hypothesis.model, part.inputs, part.measured, sought.fixed)
-    common = np.array(
-        [u.sought(lags[u.name]) if u.name in lags else x for u, x in zip(sought.shared, common, strict=True)]
-    )
+    both = zip(sought.shared, common, strict=True)
+    common = np.array([u.sought(lags[u.name]) if u.name in lags else number for u, number in both])
     names = hypothesis.parameters if any(p.shape for p in hypothesis.parameters.values()) else ()
     there = present(sought, common, wheel.channels, smoothed_fit.PRESENT, names)
     shared = [*there] or [common]

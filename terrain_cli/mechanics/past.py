@@ -25,7 +25,7 @@ _KEPT = 64  # Lags of which what is shown is kept
 SUFFIX = "_past"  # What a law calls the past of a channel
 
 
-class Series:
+class PredictedSeries:
     """A predicted channel along whole stretches, of which the samples may come in any order."""
 
     def __init__(self, clocks: Mapping[str, Array], stretch: Index, values: Array) -> None:
@@ -177,7 +177,7 @@ class Past:
     `place` is which sample of the series each of them is, or between which.
     """
 
-    def __init__(self, series: Series, place: Index | Array) -> None:
+    def __init__(self, series: PredictedSeries, place: Index | Array) -> None:
         self.series, self.place = series, place
 
     def __getitem__(self, rows: Any) -> Past:
@@ -242,7 +242,8 @@ def along(
     if measured is not None and not _rough(stretch[order], order, predicted, measured):
         predicted = {name: _smooth(time, stretch, order, one) for name, one in predicted.items()}
     clocks, place = _clocks(time, stretch, velocity, order), np.arange(len(time))
-    return {f"{name}{SUFFIX}": Past(Series(clocks, stretch, one), place) for name, one in predicted.items()}
+    series = {name: PredictedSeries(clocks, stretch, one) for name, one in predicted.items()}
+    return {f"{name}{SUFFIX}": Past(one, place) for name, one in series.items()}
 
 
 def _clocks(time: Array, stretch: Index, velocity: Array | None, order: Index) -> dict[str, Array]:
