@@ -173,7 +173,7 @@ def fit(
         problem = replace(problem, robust=robust)
         likely = [replace(likely[0], problem=problem, begun=ended)]
         if learner is not None:
-            likely = _anew(likely[0], data, state, ordered=correlated, second=second)
+            likely = _anew(likely[0], data, state, correlated, second, elsewhere=near is None)
     fits = [_fitted(one, data, correlated=correlated, tempered=by_differences) for one in likely]
     found, problem = mixed([part for part, _ in fits], likely), likely[0].problem
     order = enough_nodes(problem.noise, data)
@@ -233,10 +233,13 @@ def _where_ended(near: Fit | None, problem: Problem, data: FitData) -> State | N
     return state
 
 
-def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, second: float) -> list[Learnt]:
+def _anew(
+    near: Learnt, data: FitData, ended: State | None, ordered: bool, second: float, *, elsewhere: bool
+) -> list[Learnt]:
     """Learn the noise of samples without wild ones, to the end; of few samples every noise that is likely.
 
     `near` is what was learnt of all samples, and `ended` where the last search for it did, if there was one.
+    It is sought `elsewhere` whether effects lead lower, where no fit before has done so.
     """
     problem = near.problem
     if 0 < data.measured.shape[1] <= FEW:
@@ -260,7 +263,8 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, se
     )
     problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
     begun = end if _of_all(end, data) else near.begun
-    if begun is not None and (lower := lower_elsewhere(problem, data, begun)) is not None:
+    lower = lower_elsewhere(problem, data, begun) if elsewhere and begun is not None else None
+    if lower is not None:
         problem, dof, end = _learn(problem, data, learner, lower)
         begun = end if _of_all(end, data) else lower
     return [replace(near, problem=problem, dof=dof, begun=begun, others=learner.others())]
