@@ -24,7 +24,9 @@ from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.fit_result import at_end
-from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns, present, unknowns
+from terrain_cli.estimation.wheel_fit.late_channels import behind
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
+from terrain_cli.mechanics import past
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.cut_windows import Windows, at_rows, by_terrain
@@ -63,23 +65,31 @@ class FittedWheel:
         columns = {name: at_rows(every[name], windows.rows) for name in every if name in read}
         self.channels = {name: column for name, column in columns.items() if np.isfinite(column).any()}
         self.ordered = samples.time is not None
-        told: dict[str, Any] = {"fixed": settings.fixed, "priors": settings.priors, "shared": settings.shared}
-        self.fit: Fit = fit(
-            model,
-            self.geometry,
-            self.channels,
-            windows.bounds,
-            **told,
-            noise=settings.noise,
-            by_differences=True,
-            given="sinkage" if "sinkage" in self.channels else "load",
-            correlated=self.ordered,
-        )
-        self.under = self.fit.under
-        sought = unknowns(model, **told, under=self.under)
-        self.seek(sought)
-        self.parameters = self._parameters(settings)
         self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
+        told: dict[str, Any] = {"fixed": settings.fixed, "priors": settings.priors, "shared": settings.shared}
+
+        def fitted(late: Mapping[str, Any], near: Fit | None) -> Fit:
+            return fit(
+                model,
+                self.geometry,
+                {**self.channels, **late},
+                windows.bounds,
+                **told,
+                noise=settings.noise,
+                by_differences=True,
+                given="sinkage" if "sinkage" in self.channels else "load",
+                correlated=self.ordered,
+                near=near,
+            )
+
+        def past_of(found: Fit) -> dict[str, Any]:
+            self.parameters = found.of_windows(settings.fixed)
+            return self.past_of(self._read(smoothed_channels.GAPS))
+
+        self.fit = behind(fitted, past_of, self.channels, settings.fixed)
+        self.under = self.fit.under
+        self.seek(unknowns(model, **told, under=self.under))
+        self.parameters = self.fit.of_windows(settings.fixed)
         self._robust()
 
     def __len__(self) -> int:
@@ -137,7 +147,7 @@ class FittedWheel:
         return {name: float(np.nanmean(error**2)) for name, error in left.items()}
 
     def _forget(self) -> None:
-        for name in ("predicted", "residuals", "noise"):
+        for name in ("read", "predicted", "residuals", "noise"):
             self.__dict__.pop(name, None)
 
     def _lost(self) -> bool:
@@ -150,15 +160,10 @@ class FittedWheel:
 
     def beginning(self) -> tuple[Array, Array]:
         """Return where a search begins: at the fit, in prior standard deviations from the prior means."""
-        local = [self._sought_value(u) for u in self.sought.local]
-        shared = [float(np.ravel(self._sought_value(u))[0]) for u in self.sought.shared]
+        local = [u.sought(self.parameters[u.name]) for u in self.sought.local]
+        shared = [float(np.ravel(u.sought(self.parameters[u.name]))[0]) for u in self.sought.shared]
         t = np.stack(local, axis=1) if local else np.zeros((len(self.windows), 0))
         return np.clip(t, -_FAR, _FAR), np.array(shared)
-
-    def _sought_value(self, unknown: Unknown) -> Array:
-        column = self.parameters[unknown.name]
-        number = np.log(np.maximum(column, 1e-300)) if unknown.logarithm else column
-        return np.asarray((number - unknown.mean) / unknown.sd)
 
     def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.SmoothedData:
         """Prepare a fit by `smoothed_fit.solve`.
@@ -173,7 +178,7 @@ class FittedWheel:
         blocks = max(len(self) // criteria.MISFIT_SAMPLES, 1) if self.ordered else len(self)
         return smoothed_model.SmoothedData(
             geometry=self.geometry,
-            inputs=known,
+            inputs={**known, **(self.past_of(known) if self.model.remembers else {})},
             measured=self.measured,
             use=use,
             white=white or self._noise_of_channels(),
@@ -194,21 +199,6 @@ class FittedWheel:
             for level, size in zip(levels, least, strict=True)
         ]
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
-
-    def _parameters(self, settings: FitSettings) -> dict[str, Array]:
-        """Return every parameter of every window; those of windows without samples are never used."""
-        count = len(self.windows)
-        found: dict[str, Array] = {}
-        for name in (*self.model.soil, *self.model.parameters):
-            if name in self.fit.values:
-                column = np.asarray(self.fit.values[name], dtype=float)
-            elif name in self.fit.shared:
-                column = np.full(count, self.fit.shared[name])
-            else:
-                column = np.broadcast_to(np.asarray(settings.fixed[name], dtype=float), (count,))
-            usual = np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 1.0
-            found[name] = np.where(np.isfinite(column), column, usual)
-        return found
 
     @cached_property
     def group(self) -> Index:
@@ -273,7 +263,8 @@ class FittedWheel:
         Of these without their own noise: an effect that reads a pull with the noise of the load would take
         that noise off the load.
         """
-        return self._read(smoothed_channels.GAPS)
+        read = self._read(smoothed_channels.GAPS)
+        return {**read, **self.past_of(read)} if self.model.remembers else read
 
     @cached_property
     def _from_conditions(self) -> dict[str, Array]:
@@ -378,7 +369,19 @@ class FittedWheel:
             total += np.nan_to_num(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny)
         return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
-    def smoothed(self, gaps: Mapping[str, int], rows: Index) -> dict[str, Array]:
+    def past_of(
+        self, channels: Mapping[str, Array], found: Mapping[str, Array] | None = None
+    ) -> dict[str, Any]:
+        """Return the past of what is `found` of all samples, by default predicted; none of steady points."""
+        if (time := self.windows.samples.time) is None:
+            return {}
+        if found is None:
+            wanted = self.model, self.geometry, channels, self.of_samples, tuple(self.measured)
+            found = prediction.values(*wanted)
+        along = time[self.windows.rows], self.series, channels.get("velocity")
+        return past.along(*along, found, self.measured)
+
+    def smoothed(self, gaps: Mapping[str, int], rows: Index, *, remembering: bool = False) -> dict[str, Any]:
         """Return channels of some usable samples, without the samples' own noise.
 
         Load and slip are interpolated from neighbours, of which `gaps` on either side are left out; the
@@ -386,8 +389,11 @@ class FittedWheel:
         neighbours and in the residual alike. Steady test points have no neighbours: their load and slip are
         set, and count as exact.
         """
-        channels = {name: column[rows] for name, column in self.interpolated(gaps).items()}
+        remembering |= self.model.remembers
+        whole = np.arange(len(self)) if remembering else rows
+        channels = {name: column[whole] for name, column in self.interpolated(gaps).items()}
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
-            channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
-        return channels
+            channels |= prediction.values(self.model, self.geometry, kept, self._some(whole), ("sinkage",))
+        every = {**channels, **self.past_of(channels)} if remembering else {}
+        return {name: column[rows] for name, column in every.items()} or channels

@@ -5,6 +5,7 @@ the load. What is left of torque, pull and sinkage is in units of its noise, and
 (Huber 1964). `smoothed_fit` fits models to them.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -225,22 +226,28 @@ def with_own_load(data: SmoothedData, load: Array | None, share: float) -> Smoot
 
 
 def felt(model: Model, data: SmoothedData, numbers: Mapping[str, Array], load: Array) -> float:
-    """Return which share of what the measured `load` of samples is off their neighbours' every channel shows.
+    """Return which share of what the measured `load` of samples is off their neighbours' a channel shows.
 
     Rough ground changes the load from sample to sample; so does noise, to which no wheel answers, and which
     lowers the slope of what is measured over what is predicted by as much (regression calibration, Carroll
-    et al. 2006, Measurement Error in Nonlinear Models, chapter 4). A sensor that is late shows less of it.
-    Where more than half is noise, neighbours tell the load better, and the answer is 0.
+    et al. 2006, Measurement Error in Nonlinear Models, chapter 4). A sensor that is late shows less of it:
+    told is the channel that shows most, less two standard errors. Where that is not more than half,
+    neighbours tell the load better, and the answer is 0.
     """
     smooth, rough = (forecast(model, with_own_load(data, load, share), numbers)[0] for share in (0.0, 1.0))
-    shares = []
+    # A torque that the model missed showed 0.8 ± 0.5 on smooth ground, where the others showed 0.3.
+    sure, most = 0.0, 0.0
     for name in data.white.channels:
         change, off = rough[name] - smooth[name], data.measured[name] - smooth[name]
         known = data.use & np.isfinite(change) & np.isfinite(off)
-        size = float(change[known] @ change[known])
-        shares.append(float(change[known] @ off[known]) / size if size > 0.0 else 0.0)
-    least = min(shares, default=0.0)
-    return min(least, 1.0) if least > 0.5 else 0.0
+        change, off = change[known], off[known]
+        size = float(change @ change)
+        share = float(change @ off) / size if size > 0.0 else 0.0
+        # What a model misses is an error as well.
+        error = math.sqrt(float(np.mean((off - share * change) ** 2)) / size) if size > 0.0 else 0.0
+        least = share - 2.0 * error
+        sure, most = max((sure, most), (least, share))
+    return min(most, 1.0) if sure > 0.5 else 0.0
 
 
 def residual(data: SmoothedData, predicted: Mapping[str, Array]) -> Array:

@@ -19,10 +19,11 @@ from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, above_noise, ove
 from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.effects import Effect
-from terrain_cli.mechanics.rates import LEADS
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.arrays import Array, Index
 
+#: s: times before and after a sample at which a residual that follows what was predicted is told.
+_SPANS = (0.1, 0.2, 0.4, 0.8, 1.6)
 _FEW = 8  # Blocks of which all choices of signs are tried
 
 
@@ -89,7 +90,7 @@ def _late(wheels: Sequence[FittedWheel], block: Sequence[Index]) -> float:
     """
     p_values = []
     for wheel, own in zip(wheels, block, strict=True):
-        for (name, residual), lead in product(wheel.residuals.items(), LEADS):
+        for (name, residual), lead in product(wheel.residuals.items(), _SPANS):
             step = round(lead * wheel.second)
             before, after = slice(None, -2 * step), slice(2 * step, None)
             near = wheel.group[before] == wheel.group[after] if step else np.zeros(0, dtype=bool)

@@ -54,7 +54,7 @@ class Hypothesis:
 
         An assumption has no signature. What is late follows no rate where the inputs change faster than that.
         """
-        return bool(self.effects) and not any(effect.uses for effect in self.effects)
+        return bool(self.effects) and not any(effect.remembers for effect in self.effects)
 
     @property
     def free(self) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.mechanics.effect import Effect
+from terrain_cli.mechanics.past import Past
 from terrain_cli.telemetry.effect_inputs import RUT
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.quantities import number
@@ -57,7 +58,7 @@ class Conditions:
         middle = {
             name: float(np.nanmedian(column[data.use]))
             for name, column in known.items()
-            if np.isfinite(column[data.use]).any()
+            if not isinstance(column, Past) and np.isfinite(column[data.use]).any()
         }
         slip = float(np.clip(round(middle["slip"], 2), 0.05, 0.6))
         radius = data.geometry.radius
@@ -113,12 +114,12 @@ def drivers(channels: Collection[str]) -> frozenset[str]:
     """Return what drives channels: the speed for those of the wheel and its rates."""
     speed = {"velocity", "angular_velocity", "wheel_angle"}
     found = {"speed" if name in speed else name for name in channels}
-    if RUT in found or any(f"{name}_rate" in found for name in UNITS):
+    if {RUT, "time"} & found or any(f"{name}_rate" in found for name in UNITS):
         found.add("rates")
     # A distance is a time at one speed, and not at another.
     if RUT in found:
         found.add("speed")
-    return frozenset(found)
+    return frozenset(found - {"time"})
 
 
 def checks(effects: Iterable[Effect]) -> list[str]:

@@ -27,8 +27,9 @@ from terrain_cli.diagnosis.manoeuvres import Manoeuvre
 from terrain_cli.diagnosis.refit_ranking import FORMS, absent, bent
 from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
-from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.effect_inputs import RUT, rate_of, sources
+from terrain_cli.mechanics import past, rates
+from terrain_cli.mechanics.past import SUFFIX
+from terrain_cli.telemetry.effect_inputs import RUT, sources
 from terrain_cli.vocabulary.arrays import Array
 
 _ROUNDS = 3  # Rounds until what is measured and what is predicted from it agree
@@ -191,14 +192,17 @@ def _views(
     # A sinkage from which a model predicts is the drive's own.
     there = reads & ground.part.inputs.keys() - {"sinkage"}
     coupled = [name for name in there if sources(name)[0] in UNITS]
+    remembers = any(side.solution.model.remembers for side in sides)
     # Where no rate of what is shown is needed, few samples tell as much as many.
-    step = 1 if coupled else _STEP
+    step = 1 if coupled or remembers else _STEP
     new = _measured(ground, truth, course, coupled, step)
+    if remembers:
+        new = _remembering(truth, new, course)
     shown = {side: side.shown(new, sloped=True) for side in sides}
     deepest = max(float(np.nanmax(one.sinkage, initial=0.0)) for one in shown.values())
     if deepest > criteria.STUCK * new.geometry.radius:
         return None
-    return _Views(bool(coupled), shown, step)
+    return _Views(bool(coupled) or remembers, shown, step)
 
 
 def _measured(
@@ -220,7 +224,7 @@ def _measured(
             return rates.rate(course["time"], stretch, course[of], reach=_REACH)
         return np.full(n, np.nanmedian(part.inputs[name][part.use]))
 
-    inputs = {name: column(name)[::step] for name in part.inputs}
+    inputs = {name: column(name)[::step] for name in part.inputs if not name.endswith(SUFFIX)}
     count = len(inputs["slip"])
     new = replace(
         part,
@@ -232,7 +236,6 @@ def _measured(
     numbers = truth.solution.of_samples(new.window)
     for _ in range(_ROUNDS if coupled else 0):
         found, _ = smoothed_model.forecast(truth.solution.model, new, numbers, order=smoothed_model.ORDER)
-        means: dict[str, Array] = {}
         for name in coupled:
             shown = found.get(sources(name)[0], np.zeros(n))
             if name == RUT:
@@ -241,8 +244,18 @@ def _measured(
             elif name in UNITS:
                 inputs[name] = shown
             else:
-                inputs[name] = rate_of(name, course["time"], stretch, shown, means, _REACH)
+                inputs[name] = rates.rate(course["time"], stretch, shown, reach=_REACH)
     return new
+
+
+def _remembering(truth: Side, new: SmoothedData, course: Mapping[str, Array]) -> SmoothedData:
+    """Add what a model predicts along a drive, without what it has late."""
+    numbers = truth.solution.of_samples(new.window)
+    found, _ = smoothed_model.forecast(truth.solution.model, new, numbers, order=smoothed_model.ORDER)
+    one = np.zeros(len(course["time"]), dtype=np.intp)
+    return replace(
+        new, inputs={**new.inputs, **past.along(course["time"], one, course.get("velocity"), found)}
+    )
 
 
 SECONDS = 60.0  # s that a manoeuvre lasts

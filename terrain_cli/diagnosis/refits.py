@@ -24,7 +24,9 @@ from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.fit_data import level
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
+from terrain_cli.estimation.wheel_fit.late_channels import PASSES, nearest_lags, settled
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
+from terrain_cli.mechanics.past import Past
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.joined_inputs import with_inputs
 
@@ -38,6 +40,7 @@ class Ground:
     block: list[Index]  # Block of each of these
     data: list[SmoothedData]
     base: list[Solution]
+    whole: list[SmoothedData]  # All samples of each wheel, along which a late channel is late
     felt: list[float]  # Share of what the load of a sample is off its neighbours that each wheel answers to
 
     @cached_property
@@ -79,7 +82,7 @@ def ground(
 ) -> Ground:
     """Fit the base to evenly thinned samples; with noise and load of `like`, so that losses compare."""
     step = max(1, -(-sum(len(wheel) for wheel in wheels) // most))
-    rows, kept, datas, solutions, felt = [], [], [], [], []
+    rows, kept, datas, solutions, whole, felt = [], [], [], [], [], []
     blocks = 1 + max(int(one.max(initial=-1)) for one in block)
     for index, wheel in enumerate(wheels):
         white = like.data[index].white if like is not None else None
@@ -94,11 +97,41 @@ def ground(
             data = replace(data, white=_noise(wheel, data, solution))
             thin = smoothed_model.thinned(data, some)
             solution = smoothed_fit.solve(wheel.model, wheel.sought, thin, solution.t, solution.common)
+        thin = smoothed_model.thinned(_remembering(wheel, data, solution), some)
+        whole.append(data)
         rows.append(some)
         kept.append(block[index][some])
         datas.append(thin)
         solutions.append(solution)
-    return Ground(wheels=list(wheels), rows=rows, block=kept, data=datas, base=solutions, felt=felt)
+    return Ground(
+        wheels=list(wheels), rows=rows, block=kept, data=datas, base=solutions, whole=whole, felt=felt
+    )
+
+
+def _remembering(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> SmoothedData:
+    """Add what a solution predicts along whole stretches, without what it has late."""
+    inputs = {name: column for name, column in data.inputs.items() if not isinstance(column, Past)}
+    plain = replace(data, inputs=inputs)
+    found, _ = smoothed_model.forecast(wheel.model, plain, solution.of_samples(data.window))
+    return replace(data, inputs={**inputs, **wheel.past_of(inputs, found)})
+
+
+def _settled(
+    data: Ground, index: int, part: SmoothedData, solution: Solution
+) -> tuple[SmoothedData, Solution]:
+    """Fit a model anew behind what it predicts itself, until that is what it was behind."""
+    wheel, rows = data.wheels[index], data.rows[index]
+    widths = np.array([unknown.sd for unknown in solution.unknowns.shared])
+    for _ in range(PASSES):
+        before = solution.common
+        every = _remembering(wheel, data.whole[index], solution).inputs
+        late = {name: column[rows] for name, column in every.items() if isinstance(column, Past)}
+        part = replace(part, inputs={**part.inputs, **late})
+        solution = smoothed_fit.solve(solution.model, solution.unknowns, part, solution.t, before, rounds=1)
+        errors = np.sqrt(np.diagonal(smoothed_fit.covariance(part, solution)[1]))
+        if settled(widths * (solution.common - before), errors):
+            break
+    return part, solution
 
 
 def _felt(wheel: FittedWheel, data: SmoothedData, rows: Index) -> float:
@@ -178,6 +211,8 @@ def refit(
             solution = smoothed_fit.solve(hypothesis.model, one.unknowns, part, one.t, one.common)
         else:
             solution = _solved(data, index, part, hypothesis, [one.solutions[index] for one in after])
+        if solution.model.remembers and hypothesis is not None:
+            part, solution = _settled(data, index, part, solution)
         errors, out = _held_out(part, solution, data.block[index])
         loss += np.bincount(data.block[index], smoothed_model.bounded(errors).sum(axis=1), data.blocks)
         solutions.append(solution)
@@ -245,6 +280,9 @@ def _solved(
         begun = [_from(several, sought, part.windows) for several in places]
         return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
+    lags = nearest_lags(hypothesis.model, part.inputs, part.measured, sought.fixed)
+    both = zip(sought.shared, common, strict=True)
+    common = np.array([u.sought(lags[u.name]) if u.name in lags else number for u, number in both])
     names = hypothesis.parameters if any(p.shape for p in hypothesis.parameters.values()) else ()
     there = present(sought, common, wheel.channels, smoothed_fit.PRESENT, names)
     shared = [*there] or [common]

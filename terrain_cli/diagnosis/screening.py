@@ -97,10 +97,11 @@ def unrecorded(effects: Sequence[Effect], wheels: Sequence[FittedWheel]) -> tupl
     lacking: dict[str, None] = {}
     for effect, wheel in product(effects, wheels):
         there = _available(wheel)
-        for missing in effect_inputs.missing(effect, there):
+        lacks = effect_inputs.missing(effect, there)
+        for missing in lacks if "time" not in lacks else ():
             for name in (missing,) if missing in effect.needs else effect.any_of:
                 of = sources(name)
-                # Steady test points have no rates.
+                # Steady test points have no rates, and nothing late.
                 recordable = "time" not in of or "time" in there
                 lacking |= dict.fromkeys(one for one in of if recordable and one not in there)
     return tuple(name for name in lacking if name not in CONSTANTS)

@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 
 from terrain_cli import estimation, models, processes
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import WindowEstimates, fit_account, wheel_fit
+from terrain_cli.estimation import WindowEstimates, fit_account, predicted_past, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.further_unknowns import suspects, with_calibrations, with_contact, with_rivals
 from terrain_cli.estimation.joint_grid import JointPosterior
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
+from terrain_cli.estimation.wheel_fit.late_channels import behind
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
 from terrain_cli.rover import NOISY, SensorNoise
@@ -159,7 +160,13 @@ def estimate(
     file = with_calibrations(file, windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
-    fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)
+    run = partial(_fit, windows, file, held=held, min_samples=least, robust=robust, joint=asked, begun=begun)
+
+    def past_of(found: Fit) -> dict[str, Any]:
+        every = {**with_rivals(with_contact(own), whole, rivals)[1], **_channels(whole)}
+        return predicted_past.of_fit(whole, windows, every, found, held)
+
+    fit = behind(lambda late, near: run({**channels, **late}, near=near), past_of, channels, held)
     if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
         fewer = needed(whole, own)
         if len(fewer) < len(whole):
@@ -263,12 +270,13 @@ def _fit(
     windows: Windows,
     file: ModelFile,
     channels: Mapping[str, Array],
+    *,
     held: Mapping[str, float],
     min_samples: int,
-    *,
     robust: bool,
     joint: Collection[int],
     begun: Noise | None,
+    near: Fit | None,
 ) -> Fit:
     samples = windows.samples
     priors = _priors(samples, file)
@@ -292,6 +300,7 @@ def _fit(
             min_samples=min_samples,
             joint=joint,
             begun=begun,
+            near=near,
             suspects=lacking,
         )
 

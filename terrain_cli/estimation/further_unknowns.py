@@ -96,7 +96,7 @@ def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str,
         effect
         for effect in map(effects.find, effects.NAMES)
         if not effect_inputs.missing(effect, there)
-        and not _RELATED.intersection((*effect.needs, *effect.any_of, *effect.uses))
+        and not _RELATED.intersection((*effect.needs, *effect.any_of))
         and not {"normal_stress", "shear_stress"}.intersection(effect.laws)
         and not any(parameter.shape for parameter in effect.parameters)
         and not effects.conflict(file.model, effect)

@@ -258,9 +258,6 @@ class Effect:
         ``grouser_count`` and ``grouser_height`` are of rover.toml.
     any_of : tuple of str
         Channels at least one of which it needs besides.
-    uses : tuple of str
-        What its laws read besides where it is there. ``NAME_rate_L`` is the mean rate of a channel over the
-        next L seconds, of those in `rates.LEADS`.
     formula : str
         The law as a person reads it.
     explanation : str
@@ -276,6 +273,8 @@ class Effect:
     others : tuple of mapping of str to callable
         The same effect, with the same parameters, as others write it: what stands in place of `laws`.
         A model has `laws`; a diagnosis names the effect whichever of them the data follow.
+    remembers : bool
+        Whether its laws read what the model predicts before a sample (`past.Past`).
     """
 
     id: str
@@ -285,7 +284,6 @@ class Effect:
     laws: Mapping[str, Law]
     needs: tuple[str, ...] = ()
     any_of: tuple[str, ...] = ()
-    uses: tuple[str, ...] = ()
     formula: str = ""
     explanation: str = ""
     shows: str = ""
@@ -293,6 +291,7 @@ class Effect:
     settled_by: str = ""
     sums: tuple[Sum, ...] = ()
     others: tuple[Mapping[str, Law], ...] = ()
+    remembers: bool = False
     origin: str = field(default="catalogue", compare=False)
 
     @property
@@ -304,7 +303,9 @@ class Effect:
     def reads(self) -> tuple[str, ...]:
         """Channels that make a difference to the effect: what it needs, and what it uses if it is there."""
         further = (name for parameter in self.parameters for name in parameter.needs)
-        return tuple(dict.fromkeys((*self.needs, *self.any_of, *further, *self.uses)))
+        every = dict.fromkeys((*self.needs, *self.any_of, *further))
+        # What is late is predicted.
+        return tuple(name for name in every if not (self.remembers and name in self.laws))
 
     @property
     def forms(self) -> tuple[Effect, ...]:

@@ -18,9 +18,6 @@ from terrain_cli.vocabulary.arrays import Array, Index
 #: Neighbours on either side among which is chosen, and samples that are enough to choose by.
 _REACHES = (2, 4, 8, 16, 32)
 _TELLING = 20_000
-#: s: the first parts of the time after a sample over which the mean rate of a channel is known. Between two
-#: of them it is interpolated, where it bends little; a channel is late by less than the last.
-LEADS = (0.1, 0.2, 0.4, 0.8, 1.6)
 #: Half of the line through a rut, in radii of the wheel, and the places in it. A wheel follows nothing
 #: shorter than its contact, but sinkage wanders there: in sand simulated as a continuum, of a relaxation of
 #: 0.04 m, lines of no length find 0.025 m, of a quarter 0.034, of a half 0.038, of a whole radius 0.047.
@@ -50,32 +47,13 @@ def rate(
     return _lines(time, stretch, values, reach or _telling(time, stretch, values, least))[1]
 
 
-def mean_rates(time: Array, stretch: Index, values: Array, *, reach: int | None = None) -> Array:
-    """Return the rate of a channel, and its mean over each of `LEADS` after every sample, (n, 1 + leads).
-
-    The mean is that between the lines of `rate` at both ends; up to the end of the stretch, where that comes
-    first.
-    """
-    reach = reach or _telling(time, stretch, values, 0)
-    level, slope = _lines(time, stretch, values, reach)
+def level(time: Array, stretch: Index, values: Array) -> Array:
+    """Return a channel without its noise: the lines of `rate` at each sample."""
+    reach = _telling(time, stretch, values, 0)
+    found, _ = _lines(time, stretch, values, reach)
     # A line cuts off what bends, in proportion to reach (reach + 1): so much less than one twice as long.
     longer, _ = _lines(time, stretch, values, 2 * reach)
-    level += (reach + 1.0) / (3.0 * reach + 1.0) * (level - longer)
-    known = np.isfinite(level)
-    first = np.flatnonzero(np.concatenate([[True], stretch[1:] != stretch[:-1]]))
-    last = np.append(first[1:], len(time)) - 1
-    number = np.repeat(np.arange(len(first)), last - first + 1)
-    # One clock on which the stretches follow one another, a second apart.
-    begun = np.cumsum(np.append(0.0, time[last] - time[first] + 1.0))[:-1]
-    clock = time + (begun - time[first])[number]
-    later = np.minimum(clock[:, None] + LEADS, clock[last][number][:, None])
-    ahead = later - clock[:, None]
-    if not known.any():
-        return np.full((len(time), 1 + len(LEADS)), np.nan)
-    risen = np.interp(later, clock[known], level[known]) - level[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        means = np.where(ahead > 0.0, risen / ahead, slope[:, None])
-    return np.concatenate([slope[:, None], means], axis=1)
+    return np.asarray(found + (reach + 1.0) / (3.0 * reach + 1.0) * (found - longer))
 
 
 def _telling(time: Array, stretch: Index, values: Array, least: int) -> int:
@@ -147,25 +125,6 @@ def rut_slope(
     at, depth = (np.bincount(place, column[known]) / np.bincount(place) for column in (distance, sinkage))
     slope[known] = rate(at, stretch[known][begins], depth, least=_PLACES)[place]
     return slope
-
-
-def settling(distance: Array, steady: Array, length: Array) -> Array:
-    """Let a sinkage come to its steady value as the wheel moves on: length · dz/ds = steady − z, in m.
-
-    The distance never falls; the sinkage begins at its steady value. Of a length below zero it is ahead of
-    its steady value, to which it comes at the end.
-    """
-    if np.any(length < 0.0):
-        return settling(distance[-1] - distance[::-1], steady[::-1], np.abs(length[::-1]))[::-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        kept = np.exp(-np.diff(distance) / (0.5 * (length[1:] + length[:-1])))
-    kept = np.where(np.isnan(kept), 0.0, kept)
-    found = steady.astype(float)
-    sinkage = float(found[0])
-    for place, (keep, towards) in enumerate(zip(kept, 0.5 * (steady[1:] + steady[:-1]), strict=True)):
-        sinkage = keep * sinkage + (1.0 - keep) * (towards if keep else steady[place + 1])
-        found[place + 1] = sinkage
-    return found
 
 
 def wheel_angle(time: ArrayLike, stretch: ArrayLike, angular_velocity: ArrayLike) -> Array:

@@ -17,6 +17,7 @@ from terrain_cli.mechanics import contact, dual, rim_forces
 from terrain_cli.mechanics.contact import ORDER, order_for
 from terrain_cli.mechanics.dual import Dual, rows, seed, slopes, value
 from terrain_cli.mechanics.effect import KINDS, Effect, Parameter
+from terrain_cli.mechanics.past import Past
 from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.choices import BASES, Base
@@ -92,6 +93,11 @@ class Model:
         """Channels that the effects need, each once."""
         return tuple(dict.fromkeys(name for effect in self.effects for name in effect.needs))
 
+    @property
+    def remembers(self) -> bool:
+        """Whether a law reads what is predicted before a sample."""
+        return any(effect.remembers for effect in self.effects)
+
     def nulls(self) -> dict[str, float]:
         """Return the values of the effects' parameters at which they are all absent."""
         return {name: parameter.null for name, parameter in self.parameters.items()}
@@ -160,7 +166,10 @@ def predict(
     nodes on each arc, instead of as many as give 1e-8. InputError: a channel is missing.
     """
     keep_freed()
-    columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
+    columns: dict[str, Any] = {
+        name: column if isinstance(column, Past) else np.asarray(column, dtype=float)
+        for name, column in channels.items()
+    }
     given_values = {name: np.asarray(number, dtype=float) for name, number in values.items()}
     n = max((column.size for column in columns.values()), default=0)
     guess = None if start is None else np.asarray(start, dtype=float)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError
-from terrain_cli.mechanics import rates
+from terrain_cli.mechanics import past, rates
 from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
 from terrain_cli.simulation.course import STEP, Ride, plan, ride, standing
 from terrain_cli.simulation.scenario import Scenario
 from terrain_cli.telemetry import derived_channels
-from terrain_cli.telemetry.effect_inputs import MEANS, RUT, missing, sources
+from terrain_cli.telemetry.effect_inputs import RUT, missing
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -25,8 +25,6 @@ _RATE_ROUNDS = 3
 _REACH = 10
 #: Turned round while the wheel drives backwards: the soil sees the same wheel as forwards.
 _MIRRORED = frozenset({"pitch", "roll", "acceleration"})
-#: Slope of a rut by which it is found how the sinkage follows it.
-_LEVEL = 1e-3
 _STOPPING = ("torque", "drawbar_pull")
 _UNKNOWN = "(measured value sought)"
 #: Rounds until measured values and predictions agree; a few are enough.
@@ -61,53 +59,20 @@ class Physics:
         self.angle = np.zeros(len(ride.time))
         reads = {name for chosen in scenario.effects for name in chosen.effect.reads}
         # The yaw rate is a channel of its own.
-        late = {sources(name)[0] for name in reads if name.endswith(MEANS)}
-        asked = sorted(name for name in reads - CHANNELS.keys() if name.endswith((_RATE, *MEANS)))
-        wanted = [name for name in asked if sources(name)[0] not in late]
+        wanted = sorted(name for name in reads - CHANNELS.keys() if name == RUT or name.endswith(_RATE))
         # What is measured depends on what is predicted, and the other way round.
         changed = map(scenario.model.changes, ("load", "slip"))
         self.coupled = any(changed) or bool(reads & {"torque", "drawbar_pull"})
-        self.rates: dict[str, Array] = {name: np.zeros(len(ride.time)) for name in asked}
-        if RUT in reads:
-            self._roll_on()
-        if late:
-            self._come_late({name: sources(name)[0] for name in asked if sources(name)[0] in late})
+        self.rates: dict[str, Array] = {name: np.zeros(len(ride.time)) for name in wanted}
+        self.past: dict[str, Any] = {}
         if wanted or "wheel_angle" in reads:
             self._along(wanted)
-
-    def _roll_on(self) -> None:
-        """Find the slope of the rut along the whole ride, with the sinkage that comes of it."""
-        time, depths = self.ride.time, []
-        for slope in (0.0, _LEVEL):
-            self.rates[RUT] = np.full(len(time), slope)
-            depths.append(self._travelling(time)["sinkage"])
-        steady, length = depths[0], (depths[0] - depths[1]) / _LEVEL
-        velocity = self._as_shown(self._travelling(time))["velocity"]
-        one = np.zeros(len(time), dtype=np.intp)
-        sinkage = rates.settling(rates.wheel_angle(time, one, np.abs(velocity)), steady, length)
-        rut = rates.rut_slope(time, one, sinkage, velocity, radius=self.scenario.geometry.radius)
-        # What the law has to read for a sinkage that stays as it is while the wheel stands.
-        self.rates[RUT] = np.divide(steady - sinkage, length, out=np.nan_to_num(rut), where=length != 0.0)
-
-    def _come_late(self, channels: Mapping[str, str]) -> None:
-        """Find the rates, of which `channels` are the channels, that show these late along the whole ride.
-
-        What a law makes of a line and of a parabola tells by how much it delays, and how long it smooths.
-        """
-        time, found = self.ride.time, []
-        for power in (None, 0, 1):
-            for name in channels:
-                lead = sum(lead for lead, mean in zip(rates.LEADS, MEANS, strict=True) if name.endswith(mean))
-                level = 0.0 if power is None else _LEVEL * lead**power
-                self.rates[name] = np.full(len(time), level)
-            found.append(self._travelling(time))
-        for name, channel in channels.items():
-            true, line, parabola = (one[channel] for one in found)
-            lag, bent = (true - line) / _LEVEL, (true - parabola) / _LEVEL
-            smoothed = np.sign(lag) * np.sqrt(np.maximum(lag**2 - bent, 0.0))
-            delayed = np.interp(time - (lag - smoothed), time, true)
-            shown = rates.settling(time, delayed, smoothed)
-            self.rates[name] = np.divide(true - shown, lag, out=np.zeros(len(time)), where=lag != 0.0)
+        if scenario.model.remembers:
+            # Without a past nothing is late.
+            true = self._travelling(ride.time)
+            shown = {name: true[name] for name in ("torque", "drawbar_pull", "sinkage")}
+            velocity = self._as_shown(true)["velocity"]
+            self.past = past.along(ride.time, np.zeros(len(ride.time), dtype=np.intp), velocity, shown)
 
     def _along(self, wanted: list[str]) -> None:
         """Find the rates of what is shown, and the angle that the wheel has turned, along the whole ride."""
@@ -117,6 +82,12 @@ class Physics:
             travelling = self._travelling(self.ride.time)
             shown = self._as_shown(travelling)
             for name in wanted:
+                if name == RUT:
+                    radius, velocity = self.scenario.geometry.radius, shown["velocity"]
+                    self.rates[name] = rates.rut_slope(
+                        self.ride.time, stretch, shown["sinkage"], velocity, radius=radius
+                    )
+                    continue
                 channel = name.removesuffix(_RATE)
                 # What stops and turns round with the wheel does so in no time, and has no rate there.
                 series = (travelling if channel in _STOPPING else shown)[channel]
@@ -135,13 +106,15 @@ class Physics:
         still = standing(here["velocity"], self.scenario.geometry.radius)
         sign = np.where(here["velocity"] < 0.0, -1.0, 1.0)
         pace = np.where(still, abs(self.scenario.speed), np.abs(here["velocity"]))
-        known = {**here, "time": time, "velocity": pace}
+        known: dict[str, Any] = {**here, "time": time, "velocity": pace}
         known |= {name: sign * here[name] for name in _MIRRORED}
         known["wheel_angle"] = np.interp(time, self.ride.time, self.angle)
         for name, series in self.rates.items():
             rate = np.interp(time, self.ride.time, series)
             turned = name.removesuffix(_RATE) in {*_MIRRORED, "velocity", "angular_velocity"}
             known[name] = sign * rate if turned else rate
+        place = np.interp(time, self.ride.time, np.arange(len(self.ride.time)))
+        known |= {name: past.Past(one.series, place) for name, one in self.past.items()}
         return {**here, **self._settle(known, self._values(here["soil"].astype(int)))}
 
     def _as_shown(self, travelling: dict[str, Array]) -> dict[str, Array]:

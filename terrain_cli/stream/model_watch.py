@@ -9,13 +9,15 @@ follows from the rate of false alarms (Siegmund 1985, Sequential Analysis).
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from terrain_cli.comparison import prediction
 from terrain_cli.errors import InputError
-from terrain_cli.estimation import estimators
+from terrain_cli.estimation import estimators, predicted_past, wheel_fit
+from terrain_cli.estimation.wheel_fit.late_channels import behind
+from terrain_cli.mechanics import past
 from terrain_cli.models import ModelFile
 from terrain_cli.telemetry import Samples
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -103,7 +105,7 @@ class ModelWatch:
         begin, size = self._done, self._state.size
         self._done += max(count - begin, 0) // size * size
         found = []
-        for alarm in self._state.add(samples.taken(slice(begin, self._done))):
+        for alarm in self._state.add(samples, begin, self._done):
             if alarm.channel not in self._told:
                 self._told.add(alarm.channel)
                 found.append(alarm)
@@ -115,21 +117,27 @@ class SegmentWatch:
 
     def __init__(self, file: ModelFile, first: Samples) -> None:
         """Fit the model to the first samples; InputError where it cannot be."""
-        from terrain_cli.estimation import wheel_fit
-
         windows = cut_windows.cut(first, "none")
         held, priors, noise = estimators.assumed([windows], file)
         self._model, self._wheel = file.model, first.geometry.wheel
         channels = _channels(first)
-        given = file.model, self._wheel, channels, windows.bounds
-        fit = wheel_fit.fit(*given, fixed=held, priors=priors, noise=noise)
-        values = {name: float(column[0]) for name, column in fit.values.items()}
-        self._values = {**dict(held), **values, **fit.shared}
+        told: dict[str, Any] = {"fixed": held, "priors": priors, "noise": noise}
+
+        def fitted(late: Mapping[str, Any], near: wheel_fit.Fit | None) -> wheel_fit.Fit:
+            given = file.model, self._wheel, {**channels, **late}, windows.bounds
+            return wheel_fit.fit(*given, **told, near=near)
+
+        def past_of(found: wheel_fit.Fit) -> dict[str, Any]:
+            return predicted_past.of_fit(windows, windows, channels, found, held)
+
+        fit = behind(fitted, past_of, channels, held)
+        self._values = {name: float(column[0]) for name, column in fit.of_windows(held).items()}
         self._names = fit.names
         self.compared = prediction.compared(self._model, channels)
         time = first.time if first.time is not None else np.arange(float(len(first)))
         interval = float(np.median(np.diff(time)))
-        residual, design = self._residuals(channels)
+        self._reach: dict[str, float] = {}
+        residual, design = self.residuals(first, 0, len(first))
         count = len(self._names)
         information, score = np.zeros((count, count)), np.zeros(count)
         self._factor = {}
@@ -153,26 +161,41 @@ class SegmentWatch:
         self._away = self._covariance @ score
         self.charts = {name: ControlChart() for name in self.compared}
 
-    def _residuals(self, channels: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return measured less predicted, and the derivatives of the predictions."""
+    def residuals(self, samples: Samples, begin: int, end: int) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return measured less predicted, and the derivatives of the predictions, of some of the samples."""
 
         def parameters(rows: Index) -> dict[str, Array]:
             return {name: np.full(len(rows), value) for name, value in self._values.items()}
 
+        channels = _channels(samples.taken(slice(begin, end)))
+        if self._model.remembers and (time := samples.time) is not None:
+            velocity = samples.channels.get("velocity")
+            first, last = past.around(time, velocity, begin, end, self._reach)
+            near = samples.taken(slice(first, last))
+            wanted = self._model, self._wheel, _channels(near), parameters, self.compared
+            # Nothing is fitted here that noise of what is predicted could lead astray: it is not smoothed.
+            predicted = prediction.values(*wanted)
+            late = past.along(time[first:last], near.stretch, near.channels.get("velocity"), predicted)
+            channels |= {name: column[begin - first : end - first] for name, column in late.items()}
         predicted = prediction.values(self._model, self._wheel, channels, parameters, self.compared)
         by = prediction.derivatives(self._model, self._wheel, channels, parameters, self._names)
+        self._reach = past.reaches(channels)
         return {name: channels[name] - predicted[name] for name in self.compared}, by
 
-    def add(self, samples: Samples) -> list[ModelMiss]:
-        """Take the samples of some seconds, `size` of each; return what the model misses."""
-        channels = _channels(samples)
-        if not set(self.compared) <= set(prediction.compared(self._model, channels)):
+    def add(self, samples: Samples, begin: int = 0, end: int | None = None) -> list[ModelMiss]:
+        """Take some of the samples, `size` to a mean; return what the model misses.
+
+        The others tell what is late of these, or ahead.
+        """
+        end = len(samples) if end is None else end
+        there = prediction.compared(self._model, _channels(samples.taken(slice(begin, end))))
+        if begin == end or not set(self.compared) <= set(there):
             return []
-        residual, design = self._residuals(channels)
+        residual, design = self.residuals(samples, begin, end)
         alarms = []
-        for first in range(0, len(samples), self.size):
+        for first in range(0, end - begin, self.size):
             rows = slice(first, first + self.size)
-            time = 0.0 if samples.time is None else float(samples.time[first])
+            time = 0.0 if samples.time is None else float(samples.time[begin + first])
             error, by = ({name: own[name][rows] for name in self.compared} for own in (residual, design))
             alarms += self._step(error, by, time)
         return alarms

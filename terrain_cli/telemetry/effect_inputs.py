@@ -26,17 +26,15 @@ _SOURCES: dict[str, tuple[str, ...]] = {
     RUT: ("sinkage", "velocity", "time"),
 }
 _RATE = "_rate"
-#: What ends the name of a mean rate over the next seconds, in the order of `rates.LEADS`.
-MEANS = tuple(f"{_RATE}_{lead:g}" for lead in rates.LEADS)
 #: What shows the passing of grousers, and what it follows besides.
 _RIPPLING, _BESIDE = ("torque", "drawbar_pull", "sinkage"), ("time", "load", "slip")
 
 
 def sources(name: str) -> tuple[str, ...]:
     """Return the channels and columns, "time" among them, that a need is computed from."""
-    if name in CHANNELS or not name.endswith((_RATE, *MEANS)):
+    if name in CHANNELS or not name.endswith(_RATE):
         return _SOURCES.get(name, (name,))
-    return (name.rpartition(_RATE)[0], "time")
+    return (name.removesuffix(_RATE), "time")
 
 
 def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
@@ -127,10 +125,7 @@ def _computed(
     own, n = stretch[rows], len(stretch)
     result = {}
     needed = {name for effect in effects for name in effect.needs}
-    means: dict[str, Array] = {}
-    names = dict.fromkeys(name for effect in effects for name in effect.reads)
-    # Mean rates come with the rate itself.
-    for name in sorted(names, key=lambda name: not name.endswith(MEANS)):
+    for name in dict.fromkeys(name for effect in effects for name in effect.reads):
         if not sources(name) or not known.keys() >= set(sources(name)):
             continue
         columns = [known[source][rows] for source in sources(name)]
@@ -142,23 +137,8 @@ def _computed(
         elif name == RUT:
             values = rates.rut_slope(columns[2], own, columns[0], columns[1], radius=geometry.radius)
         elif len(columns) > 1:
-            values = rate_of(name, columns[1], own, values, means)
+            values = rates.rate(columns[1], own, values)
         if name in needed or np.isfinite(values).any():
             result[name] = np.full(n, np.nan)
             result[name][rows] = values
     return result
-
-
-def rate_of(
-    name: str, time: Array, stretch: Index, values: Array, means: dict[str, Array], reach: int | None = None
-) -> Array:
-    """Return the rate of a channel, or its mean rate over the next seconds, as the name of a need says.
-
-    `means` keeps both of every channel whose mean rates were asked for; `reach` is that of `rates.rate`.
-    """
-    of, _, lead = name.rpartition("_") if name.endswith(MEANS) else (name, "", "")
-    if lead and of not in means:
-        means[of] = rates.mean_rates(time, stretch, values, reach=reach)
-    if of not in means:
-        return rates.rate(time, stretch, values, reach=reach)
-    return means[of][:, 1 + rates.LEADS.index(float(lead)) if lead else 0]

@@ -55,7 +55,8 @@ def test_a_lag_is_no_smaller_than_quick_changes_show():
     found = diagnose(late, ModelFile())
     assert found.alarm.raised
     size = float(np.sqrt(np.mean((shown - torque) ** 2) / np.mean(shown**2)))
-    assert 0.5 * size < found.alarm.share < size
+    # No more than all that the model leaves: the lag leads the soil astray that is fitted without it, too.
+    assert 0.5 * size < found.alarm.share < found.comparison.channels["torque"].nrmse
 
 
 def test_of_models_that_predict_the_same_none_is_better():

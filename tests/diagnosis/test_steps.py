@@ -41,7 +41,7 @@ def test_inputs_of_a_wheel_are_joined_with_soils_and_runs_of_their_own():
     assert np.all(np.diff(joined.samples.time) > 0.0)
     np.testing.assert_array_equal(joined.samples.channels["torque"][n:], second.samples.channels["torque"])
     assert joined.samples.stretch[n] > joined.samples.stretch[n - 1]
-    assert np.isfinite(joined.samples.drivers["torque_rate"]).all()
+    assert np.isfinite(joined.samples.drivers["angular_velocity_rate"]).all()
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.mechanics.past import along
 from terrain_cli.mechanics.wheel_model import WheelGeometry
 
 SAMPLES = 7
@@ -32,7 +33,7 @@ def soil():
 def channels():
     ramp = np.linspace(0.0, 1.0, SAMPLES)
     back = ramp[::-1]
-    return {
+    channels = {
         "slip": np.array([-0.2, 0.03, 0.15, 0.3, 0.5, 0.7, 0.9]),
         "load": 50.0 + 60.0 * back,
         "sinkage": 0.008 + 0.02 * ramp,
@@ -52,6 +53,9 @@ def channels():
         "drawbar_pull_rate": -2.0 + 3.1 * ramp,
         "sinkage_rate": -0.002 + 0.005 * ramp,
     }
+    shown = {name: channels[name] for name in ("torque", "drawbar_pull", "sinkage")}
+    one = np.zeros(SAMPLES, dtype=int)
+    return channels | along(0.3 * np.arange(SAMPLES), one, channels["velocity"], shown)
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from terrain_cli import effects
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.effects.library.law_functions import bearing_factors
 from terrain_cli.mechanics.effect import KINDS
+from terrain_cli.mechanics.past import along
 from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.telemetry.derived_channels import slip as slip_of
 
@@ -19,9 +20,20 @@ def steady():
     """Return one sample: on a slope, faster than the reference speed, speeding up, on a used track."""
     sample = {"load": 80.0, "slip": 0.3, "velocity": 0.2, "angular_velocity": 2.3, "pitch": 0.15}
     sample |= {"slip_angle": 0.2, "pass_number": 1.0, "motor_temperature": 60.0, "acceleration": 0.1}
-    sample |= {"angular_velocity_rate": 0.4, "torque_rate": 0.5, "drawbar_pull_rate": 0.1}
-    sample |= {"sinkage_rate": 0.001, "wheel_angle": 0.13, "rut_slope": 0.01}
-    return {name: np.array([number]) for name, number in sample.items()}
+    sample |= {
+        "angular_velocity_rate": 0.4,
+        "torque_rate": 0.5,
+        "wheel_angle": 0.13,
+        "rut_slope": 0.01,
+        "drawbar_pull_rate": 0.1,
+        "sinkage_rate": 0.001,
+    }
+    rising, one = np.arange(3.0), np.zeros(3, dtype=int)
+    slopes_of = {"torque": 0.5, "drawbar_pull": 0.1, "sinkage": 0.001}
+    shown = {name: slope * rising for name, slope in slopes_of.items()}
+    past = along(rising, one, np.full(3, 0.2), shown)
+    channels = {name: np.array([number]) for name, number in sample.items()}
+    return channels | {name: column[1:2] for name, column in past.items()}
 
 
 def under(wheel, soil, channels, name=None, values=None, **options):

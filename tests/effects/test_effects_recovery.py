@@ -6,6 +6,8 @@ effect are fitted together, to sinkage, torque and drawbar pull without noise.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from known_effects import KNOWN_EFFECTS
@@ -20,6 +22,7 @@ from simulator.wheel import Wheel
 from terrain_cli import effects
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import slopes, value
+from terrain_cli.mechanics.past import along
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(0.125, 0.1, grouser_height=0.01, grouser_count=12)
@@ -62,9 +65,9 @@ def measured(name, values):
     )
     for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
         channels[f"{channel}_rate"] = rates.rate(time, stretch, channels[channel])
-        means = rates.mean_rates(time, stretch, channels[channel])
-        channels |= {f"{channel}_rate_{lead:g}": means[:, 1 + k] for k, lead in enumerate(rates.LEADS)}
-    return channels
+    plain = simulate(replace(drive, effects={})).wheels["wheel"].aligned()
+    shown = {name: plain[name] for name in ("torque", "drawbar_pull", "sinkage")}
+    return channels | along(time, stretch, channels["velocity"], shown)
 
 
 def fit(model, channels, forms):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_cli.mechanics import rates
-from terrain_cli.mechanics.rates import rate, rut_slope, settling, wheel_angle
+from terrain_cli.mechanics.rates import rate, rut_slope, wheel_angle
 
 TIME = np.arange(400) * 0.05
 ONE = np.zeros(400, dtype=int)
@@ -51,24 +51,6 @@ def test_stretches_are_no_neighbours():
     found = rate(TIME, stretch, np.where(stretch == 0, TIME, 50.0 - TIME))
     assert found == pytest.approx(np.where(stretch == 0, 1.0, -1.0), abs=1e-9)
     assert np.isnan(rate([0.0, 1.0], [0, 1], [0.0, 1.0])).all()
-
-
-def test_mean_rates_are_those_of_a_parabola_and_end_with_their_stretch():
-    time = np.arange(0.0, 6.0, 0.05)
-    stretch = (time >= 3.0).astype(int)
-    rate_now, means = np.split(
-        rates.mean_rates(time, stretch, np.where(stretch, -time, time**2)), [1], axis=1
-    )
-    np.testing.assert_array_equal(rate_now[:, 0], rate(time, stretch, np.where(stretch, -time, time**2)))
-    inner = (time > 0.5) & (time < 1.2)
-    for k, lead in enumerate(rates.LEADS):
-        np.testing.assert_allclose(means[inner, k], 2.0 * time[inner] + lead, rtol=0.01)
-        np.testing.assert_allclose(means[stretch == 1, k], -1.0, rtol=1e-9)
-    # Shortly before its end, a stretch has the rate up to there.
-    before = np.flatnonzero(stretch == 0)[-5]
-    np.testing.assert_allclose(means[before, 1:], time[before] + time[before + 4], rtol=0.01)
-    nothing = np.full(4, np.nan)
-    assert np.isnan(rates.mean_rates(time[:4], stretch[:4], nothing)).all()
 
 
 RADIUS = 0.1
@@ -116,21 +98,6 @@ def test_a_rut_that_nobody_drove_has_no_slope():
     found = rut_slope(TIME, ONE, sinkage, np.full(400, 0.1), radius=RADIUS)
     assert np.isnan(found[::7]).all()
     assert np.delete(found, np.s_[::7]) == pytest.approx(0.01, abs=1e-9)
-
-
-def test_settling_over_a_length_and_ahead_of_it():
-    way = np.linspace(0.0, 1.0, 2001)
-    steady = np.where(way < 0.5, 1.0, 2.0)
-    length = np.full(2001, 0.1)
-    found = settling(way, steady, length)
-    after = way[way > 0.5] - 0.5
-    assert found[way < 0.5] == pytest.approx(1.0)
-    assert found[way > 0.5] == pytest.approx(2.0 - np.exp(-after / 0.1), abs=6e-3)
-    ahead = settling(way, steady, -length)
-    assert ahead == pytest.approx(3.0 - settling(way, 3.0 - steady[::-1], length)[::-1])
-    # Without a length there is nothing to wait for; without a way, nothing happens.
-    assert settling(way, steady, 0.0 * length) == pytest.approx(steady)
-    assert settling(np.zeros(2001), steady, length) == pytest.approx(1.0)
 
 
 def test_wheel_angle_begins_anew_with_each_stretch():

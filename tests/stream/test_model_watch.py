@@ -11,6 +11,7 @@ from simulator import DRY_SAND, base_contact, one_wheel, simulate, undulation, w
 from streams import ROVER, followed, lines, text
 
 import terrain_cli
+from terrain_cli import effects
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
 from terrain_cli.stream import model_watch
@@ -108,3 +109,34 @@ def test_a_change_of_soil_is_no_fault_of_the_model(block):
 def test_without_a_model_nothing_is_watched():
     some = spoilt(lines(SECONDS), "torque", 0.3, 45.0)
     assert len(followed(text(some), method="recursive", segments="none").remarks) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "lags"),
+    [
+        ("sensor-lag", {"torque_lag": 0.31, "filtered": 1.0}),
+        ("sensor-lag", {"torque_lag": 0.12, "drawbar_pull_lag": -0.2, "filtered": 0.0}),
+        ("sensor-lag", {"torque_lag": -0.3, "filtered": 1.0}),
+        ("sinkage-relaxation", {"length": 0.03}),
+    ],
+)
+def test_what_is_late_is_watched_as_if_all_came_at_once(name, lags):
+    """Whatever comes together, and however the wheel drove: what is predicted is that of the whole drive."""
+    run = pd.DataFrame([line.split(",")[1:] for line in lines(SECONDS)[1:]], dtype=float)
+    run.columns = lines(SECONDS)[0].split(",")[1:]
+    samples = terrain_cli.from_frame(run, ROVER)[0]
+    file = ModelFile(
+        model=Model("wong-reece", (effects.find(name),)),
+        fixed={f"{name}.{key}": value for key, value in lags.items()},
+    )
+    watch = SegmentWatch(file, samples.taken(slice(0, model_watch.LEARNT)))
+    whole, by_whole = watch.residuals(samples, 0, len(samples))
+    count = len(samples)
+    for begin, end in ((400, 420), (420, 520), (1037, 1038), (count - 60, count)):
+        part, by_part = watch.residuals(samples, begin, end)
+        for channel in watch.compared:
+            np.testing.assert_allclose(part[channel], whole[channel][begin:end], atol=1e-9)
+            np.testing.assert_allclose(by_part[channel], by_whole[channel][begin:end], rtol=1e-4, atol=1e-6)
+    # It would not be so without what came before.
+    alone, _ = watch.residuals(samples.taken(slice(1000, 1020)), 0, 20)
+    assert any(np.abs(alone[c] - whole[c][1000:1020]).max() > 1e-3 * np.std(whole[c]) for c in whole)

@@ -28,7 +28,7 @@ def effect(name: str) -> Effect:
         sums=tuple(Sum(**{**one, "names": tuple(one["names"])}) for one in entry.get("sums", ())),
         needs=tuple(entry.get("needs", ())),
         any_of=tuple(entry.get("any_of", ())),
-        uses=tuple(entry.get("uses", ())),
+        remembers=entry.get("remembers", False),
         **told,
     )
 

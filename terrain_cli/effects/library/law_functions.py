@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from terrain_cli.mechanics.contact import rolling, slip_of_radius
-from terrain_cli.mechanics.dual import value
 from terrain_cli.mechanics.effect import Quantities
-from terrain_cli.mechanics.rates import LEADS
+from terrain_cli.mechanics.past import SUFFIX
 
 #: What a pass changes as a share of what the one before it did, where nothing else is known.
 _FURTHER = math.exp(-1.0)
@@ -96,90 +95,27 @@ def torque_with_inertia(q: Quantities) -> Any:
     return q["torque"] + q["J"] * way * q["angular_velocity_rate"]
 
 
-def late(channel: str, q: Quantities) -> Any:
-    return shown_late(channel, q[f"{channel}_lag"], q.get("filtered", 0.0), q)
-
-
-def shown_late(channel: str, lag: Any, share: Any, q: Quantities) -> Any:
-    """Show what was true a little earlier, by what the sensor shows later.
-
-    A delay τ shows y with true(t) = y(t + τ), a first-order filter with true = y + τ dy/dt. Of a lag of which
-    a `share` is a filter, and u the rest, true(t) = y(t + u) + (τ − u) y'(t + u).
-    """
-    rate = q.get(f"{channel}_rate", 0.0)
-    if f"{channel}_rate_{LEADS[0]:g}" not in q or not np.any(value(lag)):
-        return q[channel] - lag * rate
-    delay = (1.0 - share) * lag
-    at = value(delay)
-    risen = [0.0, *(lead * q[f"{channel}_rate_{lead:g}"] for lead in LEADS)]
-    rise, then, bend = _ahead(np.abs(at), risen, rate)
-    back = at < 0.0
-    if np.any(back):
-        # Before a sample the channel goes on as it begins after it.
-        rise, then = np.where(back, rise + 2.0 * at * rate, rise), np.where(back, 2.0 * rate - then, then)
-    moved = delay - at
-    return q[channel] - rise - then * moved - share * lag * (then + bend * moved)
-
-
-def filtered(channel: str, q: Quantities) -> Any:
-    return q[channel] - q[f"{channel}_lag"] * q.get(f"{channel}_rate", 0.0)
-
-
-def _ahead(lead: Any, risen: list[Any], rate: Any) -> tuple[Any, Any, Any]:
-    """Return by how much a channel rises within some time, and its rate and the change of that then.
-
-    `risen` is what it rises up to each of 0 and `LEADS`; between them it is a cubic, with the rate that three
-    of them tell at each.
-    """
-    knots = (0.0, *LEADS)
-    place = np.searchsorted(knots, lead, side="right") - 1
-    lowest, highest = int(np.min(place)), int(np.max(place))
-    steep = [(risen[k + 1] - risen[k]) / (knots[k + 1] - knots[k]) for k in range(len(LEADS))]
-    found: tuple[Any, Any, Any] = (0.0, 0.0, 0.0)
-    for k in range(lowest, highest + 1):
-        here = _rate_at(k, steep, risen, rate)
-        x = lead - knots[k]
-        if k == len(LEADS):
-            own = (risen[k] + here * x, here, 0.0)
-        else:
-            h, there = knots[k + 1] - knots[k], _rate_at(k + 1, steep, risen, rate)
-            square, cube = (3.0 * steep[k] - 2.0 * here - there) / h, (here + there - 2.0 * steep[k]) / h**2
-            own = (
-                risen[k] + x * (here + x * (square + x * cube)),
-                here + x * (2.0 * square + x * 3.0 * cube),
-                2.0 * square + 6.0 * cube * x,
-            )
-        each = zip(own, found, strict=True)
-        found = own if lowest == highest else tuple(np.where(place == k, *pair) for pair in each)
-    return found
-
-
-def _rate_at(k: int, steep: list[Any], risen: list[Any], rate: Any) -> Any:
-    knots = (0.0, *LEADS)
-    if k == 0:
-        return rate
-    if k == len(LEADS):
-        return risen[k] / knots[k]
-    before, after = knots[k] - knots[k - 1], knots[k + 1] - knots[k]
-    return (after * steep[k - 1] + before * steep[k]) / (before + after)
+def late(channel: str, q: Quantities, filtered: float | None = None) -> Any:
+    """Show what was predicted a little earlier, or smoothed; a share of the lag is that of a filter."""
+    past = q.get(f"{channel}{SUFFIX}")
+    if past is None:
+        return q[channel]
+    lag, share = q[f"{channel}_lag"], q["filtered"] if filtered is None else filtered
+    return q[channel] + past.change((1.0 - share) * lag, share * lag)
 
 
 late_torque, late_drawbar_pull = partial(late, "torque"), partial(late, "drawbar_pull")
 late_sinkage = partial(late, "sinkage")
-filtered_torque, filtered_drawbar_pull = partial(filtered, "torque"), partial(filtered, "drawbar_pull")
+filtered_torque, filtered_drawbar_pull, filtered_sinkage = (
+    partial(late, channel, filtered=1.0) for channel in ("torque", "drawbar_pull", "sinkage")
+)
 
 
-def sinkage_late_on_the_way(q: Quantities) -> Any:
-    """Take the rate from the slope of the rut: at one speed a distance is a time, and nothing else."""
-    if "rut_slope" not in q or "velocity" not in q:
-        return filtered("sinkage", q)
-    return q["sinkage"] - q["sinkage_lag"] * np.absolute(q["velocity"]) * q["rut_slope"]
+def sinkage_on_the_way(q: Quantities) -> Any:
+    past = q.get(f"sinkage{SUFFIX}")
+    return q["sinkage"] if past is None else q["sinkage"] + past.change(0.0, q["length"], "way")
 
 
 def sinkage_of_the_place_before(q: Quantities) -> Any:
-    """Show what was true a distance earlier, as a sensor does a time: at one speed that is the same."""
-    if "velocity" not in q or f"sinkage_rate_{LEADS[0]:g}" not in q:
-        return q["sinkage"] - q["length"] * q["rut_slope"]
-    # A wheel that stands shows what it did as it came.
-    pace = np.maximum(np.absolute(q["velocity"]), _SLOW * q["wheel_radius"])
-    return shown_late("sinkage", q["length"] / pace, 0.0, q)
+    past = q.get(f"sinkage{SUFFIX}")
+    return q["sinkage"] if past is None else q["sinkage"] + past.change(q["length"], 0.0, "way")

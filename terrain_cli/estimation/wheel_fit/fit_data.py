@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from terrain_cli.errors import InputError
 from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.mechanics.past import Past
 from terrain_cli.mechanics.wheel_model import Given, Model
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.windows.cut_windows import runs
@@ -143,7 +145,8 @@ def collect(model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, 
 
     NaN is not measured; bounds rise from 0 to n. InputError: a channel is missing.
     """
-    columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
+    past: dict[str, Any] = {name: column for name, column in channels.items() if isinstance(column, Past)}
+    columns = {name: np.asarray(channels[name], dtype=float) for name in channels.keys() - past.keys()}
     bounds = np.asarray(bounds, dtype=np.intp)
     n = int(bounds[-1])
     # A channel without a single value is not there.
@@ -166,7 +169,7 @@ def collect(model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, 
             f"no sample has {' and '.join(dict.fromkeys(needed))} together with a channel to explain",
             hint="terrain-est inspect shows what each channel is read from",
         )
-    kept = {name: column[rows] for name, column in columns.items()}
+    kept: dict[str, Any] = {name: column[rows] for name, column in {**columns, **past}.items()}
     if "load" in kept:
         kept["load"] = np.where(np.isfinite(kept["load"]), kept["load"], 0.0)
     inside = np.searchsorted(rows, bounds).astype(np.intp)

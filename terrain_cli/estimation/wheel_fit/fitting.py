@@ -29,6 +29,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     inside,
     newton,
 )
+from terrain_cli.estimation.wheel_fit.late_channels import nothing_late
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes, widened
@@ -107,6 +108,7 @@ def fit(
     min_samples: int = FIT_SAMPLES,
     joint: Collection[int] = (),
     begun: Noise | None = None,
+    near: Fit | None = None,
     suspects: Sequence[Effect] | None = None,
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
@@ -122,14 +124,14 @@ def fit(
 
     The noise is learnt from the data if not given (`learnt_noise`), `by_differences` only its white part;
     learning begins where it has `begun`, with what was learnt from most of these samples, and then takes half
-    of the time. A `robust` fit gives samples far from it less weight (Huber 1964), at the cost of 5 % of
-    efficiency. `given`: predict load, torque and drawbar pull at the sinkage measured; or solve for the
-    sinkage from the load, and predict sinkage, torque and drawbar pull. Steady test points are not
-    `correlated`: they do not follow each other in time; of others there are so many in a `second`. Windows of
-    fewer than `min_samples` are "too-few-samples"; of the windows `joint` the joint posterior of c and φ is
-    laid out on a grid. `suspects` are effects that the model lacks, which would show here (`Fit.moved`); with
-    them, even if there are none, errors hold what a model that misses the torque may be off
-    (`posterior.with_model_error`).
+    of the time. Both begin where a fit of nearly the same ended, if there is one `near`. A `robust` fit gives
+    samples far from it less weight (Huber 1964), at the cost of 5 % of efficiency. `given`: predict load,
+    torque and drawbar pull at the sinkage measured; or solve for the sinkage from the load, and predict
+    sinkage, torque and drawbar pull. Steady test points are not `correlated`: they do not follow each other
+    in time; of others there are so many in a `second`. Windows of fewer than `min_samples` are "too-few-
+    samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid. `suspects` are
+    effects that the model lacks, which would show here (`Fit.moved`); with them, even if there are none,
+    errors hold what a model that misses the torque may be off (`posterior.with_model_error`).
 
     InputError: a channel that the model needs is missing.
     """
@@ -139,6 +141,7 @@ def fit(
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     under = mean_load(data.channels), wheel.radius
+    fixed = {**nothing_late(model, data.channels), **(fixed or {})}
     sought = unknowns(model, fixed=fixed, priors=priors, shared=shared, local=local, under=under)
     problem = Problem(
         model=model,
@@ -149,25 +152,26 @@ def fit(
         robust=robust or not by_differences,
     )
     learner: LikelyNoise | ScaledDifferences | None = None
-    state: State | None = None
-    likely = [Learnt(problem=problem)]
+    state = ended = _where_ended(near, problem, data)
+    likely = [Learnt(problem=problem, begun=ended)]
     if noise is None:
         learner = (
             ScaledDifferences(data, ordered=correlated)
             if by_differences
             else LikelyNoise(data, problem.unknowns, ordered=correlated, second=second, near=True)
         )
-        if begun is None or begun.relative.keys() != learner.noise.relative.keys():
-            problem, dof, state = _learn(problem, data, learner)
-            likely = [Learnt(problem=problem, dof=dof, others=learner.others())]
+        known = None if by_differences else _of_channels(learner.noise, near and near.noise, begun)
+        if known is None:
+            problem, dof, state = _learn(problem, data, learner, ended)
+            likely = [Learnt(problem=problem, dof=dof, begun=ended, others=learner.others())]
         else:
-            problem = replace(problem, noise=begun)
+            problem = replace(problem, noise=known)
     if not by_differences:
-        data, near = _without_wild(problem, data, state)
+        data, ended = _without_wild(problem, data, state)
         problem = replace(problem, robust=robust)
-        likely = [replace(likely[0], problem=problem, begun=near)]
+        likely = [replace(likely[0], problem=problem, begun=ended)]
         if learner is not None:
-            likely = _anew(likely[0], data, state, ordered=correlated, second=second)
+            likely = _anew(likely[0], data, state, correlated, second, elsewhere=near is None)
     fits = [_fitted(one, data, correlated=correlated, tempered=by_differences) for one in likely]
     found, problem = mixed([part for part, _ in fits], likely), likely[0].problem
     order = enough_nodes(problem.noise, data)
@@ -212,10 +216,31 @@ def fit(
     return replace(result, grids=valley.grids(problem, data, found, about, joint, order))
 
 
-def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, second: float) -> list[Learnt]:
+def _of_channels(like: Noise, *several: Noise | None) -> Noise | None:
+    """Return the first noise that is one of the same channels as another; None if there is none."""
+    return next((one for one in several if one and one.relative.keys() == like.relative.keys()), None)
+
+
+def _where_ended(near: Fit | None, problem: Problem, data: FitData) -> State | None:
+    """Return where the search of a fit of the same windows ended; None if it did not, or there is none."""
+    if near is None or not near.converged.all():
+        return None
+    sought = problem.unknowns
+    t = [u.sought(near.values[u.name]) for u in sought.local]
+    common = np.array([float(u.sought(near.shared[u.name])) for u in sought.shared])
+    columns = np.nan_to_num(np.stack(t, axis=1)) if t else np.zeros((len(data.windows), 0))
+    state = initial(data, inside(sought.local, columns), inside(sought.shared, common))
+    state.converged[:] = True
+    return state
+
+
+def _anew(
+    near: Learnt, data: FitData, ended: State | None, ordered: bool, second: float, *, elsewhere: bool
+) -> list[Learnt]:
     """Learn the noise of samples without wild ones, to the end; of few samples every noise that is likely.
 
     `near` is what was learnt of all samples, and `ended` where the last search for it did, if there was one.
+    It is sought `elsewhere` whether effects lead lower, where no fit before has done so.
     """
     problem = near.problem
     if 0 < data.measured.shape[1] <= FEW:
@@ -239,7 +264,8 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool, se
     )
     problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
     begun = end if _of_all(end, data) else near.begun
-    if begun is not None and (lower := lower_elsewhere(problem, data, begun)) is not None:
+    lower = lower_elsewhere(problem, data, begun) if elsewhere and begun is not None else None
+    if lower is not None:
         problem, dof, end = _learn(problem, data, learner, lower)
         begun = end if _of_all(end, data) else lower
     return [replace(near, problem=problem, dof=dof, begun=begun, others=learner.others())]

@@ -55,6 +55,11 @@ class Unknown:
         sought = self.mean + self.sd * t
         return np.exp(sought) if self.logarithm else sought
 
+    def sought(self, value: ArrayLike) -> Array:
+        """Return how many prior standard deviations a value of the parameter is off the prior mean."""
+        number = np.log(np.maximum(value, 1e-300)) if self.logarithm else np.asarray(value, dtype=float)
+        return np.asarray((number - self.mean) / self.sd)
+
     def slope(self, t: Array) -> Array:
         """Return the derivative of the parameter, in its own unit, by `t`."""
         return self.sd * self.value(t) if self.logarithm else np.full_like(t, self.sd)
