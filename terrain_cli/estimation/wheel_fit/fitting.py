@@ -160,7 +160,7 @@ def fit(
             if by_differences
             else LikelyNoise(data, problem.unknowns, ordered=correlated, second=second, near=True)
         )
-        known = None if by_differences else _of_channels(learner.noise, near and near.noise, begun)
+        known = None if by_differences else _of_channels(learner.noise, near.noise if near else None, begun)
         if known is None:
             problem, dof, state = _learn(problem, data, learner, ended)
             likely = [Learnt(problem=problem, dof=dof, begun=ended, others=learner.others())]
