@@ -368,26 +368,25 @@ CONCLUSIONS = [
         NEW + "slope" + DATA,
         id="by chance or not",
     ),
-    pytest.param(
-        evidence(OFF, raised=True, verdict="effect", family=("slope",), share=0.53),
-        "explained",
-        MISSES + "slope explains most of it.",
-        NEW + "slope" + DATA,
-        id="one name for a part",
+    *(
+        pytest.param(
+            evidence(OFF, raised=True, verdict="effect", family=("slope",), share=share),
+            "explained",
+            MISSES + f"slope explains {part} of it.",
+            NEW + "slope" + DATA,
+            id=f"one name for {part}",
+        )
+        for share, part in ((0.53, "most"), (0.31, "a part"))
     ),
-    pytest.param(
-        evidence(OFF, raised=True, verdict="effect", family=("slope",), share=0.31),
-        "explained",
-        MISSES + "slope explains a part of it.",
-        NEW + "slope" + DATA,
-        id="a part",
-    ),
-    pytest.param(
-        evidence(UNKNOWN, points=True),
-        "undecided",
-        "The data show no missing effect, but the noise of torque is not known",
-        LOOK,
-        id="noise of test points unknown",
+    *(
+        pytest.param(
+            evidence(UNKNOWN, points=points),
+            "undecided",
+            "The data show no missing effect, but the noise of torque is not known",
+            command,
+            id=f"noise{' of test points' * points} unknown",
+        )
+        for points, command in ((True, LOOK), (False, ""))
     ),
     pytest.param(
         evidence(OFF, blocks=3, raised=True),
@@ -396,12 +395,5 @@ CONCLUSIONS = [
         "The held-out error is 8.6 × the noise in torque and 12 × in sinkage. Record a longer drive.",
         "",
         id="too few blocks",
-    ),
-    pytest.param(
-        evidence(UNKNOWN),
-        "undecided",
-        "The data show no missing effect, but the noise of torque is not known",
-        "",
-        id="noise unknown",
     ),
 ]

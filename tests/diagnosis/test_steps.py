@@ -390,16 +390,3 @@ def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
     assert warning.startswith("wong-reece + acceleration-torque gives a cohesion of -9.5 kPa in 1 of 1 soil")
     assert "an effect is wrong or missing" in warning
     assert told(Kind(seconds=40.0)) == []
-
-
-def test_a_name_that_leaves_much_of_the_error_is_probable():
-    """A motor that warms and cools, of which nothing was recorded: an efficiency is its mean."""
-    (windows,) = windows_of(84, Kind(seconds=64.0, rate=10.0))
-    samples = windows.samples
-    torque = samples.channels["torque"] * (1.25 + 0.2 * np.sin(2.0 * np.pi * samples.time / 43.0))
-    channels = {**samples.channels, "torque": torque}
-    found = diagnose(
-        [replace(windows, samples=replace(samples, channels=channels))], ModelFile(model=Model())
-    )
-    assert (found.verdict, found.effect, found.family) == ("family", None, ("gear-efficiency",))
-    assert "Probable cause: gear-efficiency" in found.sentence

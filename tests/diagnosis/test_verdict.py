@@ -1,8 +1,15 @@
 """The verdict is a function of what was found, and nothing else: as a table."""
 
-import pytest
+from dataclasses import replace
 
+import numpy as np
+import pytest
+from hidden_drives import Kind, windows_of
+
+from terrain_cli.diagnosis import diagnose
 from terrain_cli.diagnosis.verdict import decide
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
 
 STRESSES = "linearised-stresses"
 AB = ("a", "b")
@@ -50,3 +57,16 @@ def test_the_strongest_statement_wins(found, verdict, effect, family, together, 
     told = decide(**found)
     assert (told.verdict, told.effect, told.family) == (verdict, effect, family)
     assert (told.together, told.tells_law, told.rivals) == (together, tells_law, rivals)
+
+
+def test_a_name_that_leaves_much_of_the_error_is_probable():
+    """A motor that warms and cools, of which nothing was recorded: an efficiency is its mean."""
+    (windows,) = windows_of(84, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    torque = samples.channels["torque"] * (1.25 + 0.2 * np.sin(2.0 * np.pi * samples.time / 43.0))
+    channels = {**samples.channels, "torque": torque}
+    found = diagnose(
+        [replace(windows, samples=replace(samples, channels=channels))], ModelFile(model=Model())
+    )
+    assert (found.verdict, found.effect, found.family) == ("family", None, ("gear-efficiency",))
+    assert "Probable cause: gear-efficiency" in found.sentence

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fit_priors import PRIORS, prior_of
 from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 from simulator import UPLAND_SANDY_LOAM, one_wheel, simulate, undulation
-from simulator.paper import TABLE_II
 from wheel_samples import WHEEL, free, paper
 
 from terrain_cli.effects import find
@@ -22,25 +22,6 @@ from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
 BASE = Model()
-#: The ranges from which the tests draw, densely.
-DRAWN = {name: np.linspace(*ends, 201) for name, ends in TABLE_II.items()}
-STIFFNESS = np.add.outer(DRAWN["cohesive_modulus"] / WHEEL.width, DRAWN["frictional_modulus"]).ravel()
-
-
-def prior_of(values, *, positive=False):
-    """Return the prior with the mean and the variance of values, or of their logarithms if positive."""
-    if positive:
-        return Prior.factor(np.exp(np.log(values).mean()), np.exp(np.log(values).std()))
-    return Prior(float(np.mean(values)), float(np.std(values)))
-
-
-PRIORS = {
-    "cohesion": prior_of(DRAWN["cohesion"]),
-    "tan_phi": prior_of(np.tan(DRAWN["friction_angle"])),
-    "shear_modulus": prior_of(DRAWN["shear_modulus"], positive=True),
-    "stiffness": prior_of(STIFFNESS, positive=True),
-    "sinkage_exponent": prior_of(DRAWN["exponent"]),
-}
 
 
 def run(channels, bounds, *, model=BASE, leave_out=(), **options):

@@ -13,7 +13,6 @@ from terrain_cli.mechanics.past import SUFFIX
 #: What a pass changes as a share of what the one before it did, where nothing else is known.
 _FURTHER = math.exp(-1.0)
 _GRAIN = 3e-4  # m, a grain: less displacement than this along has no direction
-_SLOW = 0.05  # Radii in a second below which a wheel stands
 _DENSITY = 1600.0  # Of loose dry soil, in kg/m³
 
 
