@@ -188,6 +188,22 @@ def test_a_channel_that_wanders_is_missed_where_it_moves_the_soil(channel, pull,
     assert (found.status == "model-misses").any() == wanders
 
 
+@pytest.mark.parametrize(
+    ("wild", "share"), [(("load", "torque", "sinkage", "slip"), 0.08), (("torque",), 0.15)]
+)
+@pytest.mark.parametrize(("drift", "status"), [(0.0, "ok"), (0.1, "model-misses")])
+def test_wild_samples_are_no_misfit_of_a_robust_fit(wild, share, drift, status):
+    table = {name: column for name, column in columns(seed=5).items() if name != "drawbar_pull"}
+    table["torque"] = drifted(drift, 20.0)(table["torque"], table["time"])
+    rng, n = np.random.default_rng(12), len(table["time"])
+    for name in wild:
+        chosen, way = rng.random(n) < share, rng.choice([-1.0, 1.0], size=n)
+        table[name] = table[name] * (1.0 + np.where(chosen, 10.0 * 0.02 * way, 0.0))
+    geometry = WheelGeometry(WHEEL.radius, WHEEL.width)
+    found = fit(Model(), geometry, table, [0, n // 2, n], suspects=[], second=10.0, robust=True)
+    assert found.status.tolist() == [status, status]
+
+
 def covariance(found):
     """Return the covariance of c and tan φ of the first window."""
     pair = [found.names.index(name) for name in ("cohesion", "tan_phi")]

@@ -103,12 +103,7 @@ def following(problem: Problem, data: FitData, t: Array, common: Array, found: F
     windows = windows[:: max(-(-int(data.count[windows].sum()) // _MOST), 1)]
     if not found.second or not len(windows):
         return follows, covariance
-    data = data.only(windows)
-    latent = data.given.copy()
-    parts: list[Equations] = []
-    for step in range(_STEPS + 1):
-        each = (lambda _, __, one: parts.append(one)) if step == _STEPS else None
-        accumulate(problem, data, t[windows], common, latent, order=_ORDER, each=each)
+    data, latent, parts = _at_rest(problem, data.only(windows), t[windows], common)
     ways = _in_errors(found, problem.unknowns.local)[:, windows]
     for one in wandering(parts, data, t[windows], problem.unknowns.local, found.second):
         covariance[windows] += one.covariance
@@ -127,6 +122,24 @@ def following(problem: Problem, data: FitData, t: Array, common: Array, found: F
         if shares[0] > max(_FOLLOWS, shares[1:].max()):
             follows[windows] |= over < (1.0 - _FOLLOWS) * power
     return follows, covariance
+
+
+def _at_rest(
+    problem: Problem, data: FitData, t: Array, common: Array
+) -> tuple[FitData, Array, list[Equations]]:
+    """Return the samples that a robust fit trusts in full, their true inputs, and the equations there.
+
+    What is wild passes for no wave in time, and its inputs go with what is left of it.
+    """
+    latent = data.given.copy()
+    parts: list[Equations] = []
+    for step in range(_STEPS + 1):
+        each = (lambda _, __, one: parts.append(one)) if step == _STEPS else None
+        accumulate(problem, data, t, common, latent, order=_ORDER, each=each)
+    if not problem.robust:
+        return data, latent, parts
+    wild = np.concatenate([one.weight for one in parts]) < 1.0
+    return _at_rest(replace(problem, robust=False), data.without(wild), t, common)
 
 
 def _predictors(inputs: Array, bounds: Bounds, second: float) -> Array:
