@@ -41,10 +41,11 @@ def table_of(
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
         change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
-        wheels = refits.on_wheels(data, one, refit) if refit is not None else []
-        if one.id == first and wheels:
+        if one.id == first and refit is not None:
             # As `compare` and `model add` fit it; the others, in less time, with what the refit found.
             wheels = list(anew) or [refits.fitted_anew(wheel, one) for wheel in data.wheels]
+        else:
+            wheels = refits.on_wheels(data, one, refit) if refit is not None else []
         return Candidate(
             effect=one.id,
             title=one.title,

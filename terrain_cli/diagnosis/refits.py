@@ -356,6 +356,10 @@ def on_wheels(data: Ground, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
     """Return the wheels with what a refit of a hypothesis found, and with parameters that it held."""
     found = []
     for wheel, solution in zip(data.wheels, refit.solutions, strict=True):
+        if one.model.base != wheel.model.base:
+            # That base predicts channels that were not fitted here.
+            found.append(fitted_anew(wheel, one))
+            continue
         solved = copy.copy(wheel)
         for name in _COMPUTED:
             solved.__dict__.pop(name, None)

@@ -20,8 +20,9 @@ from terrain_cli.windows.cut_windows import cut
 ASSUMPTIONS = {"linearised-stresses", "assumed-shear-modulus"}
 
 
-def test_stresses_are_named_on_a_drive_that_varies_everything():
-    found = diagnose(windows_of(1, Kind()), ModelFile(model=Model("linear")))
+@pytest.mark.parametrize(("seed", "course"), [(2, "rich"), (3, "poor-speed")])
+def test_stresses_are_named_on_a_drive_that_varies_load_and_slip(seed, course):
+    found = diagnose(windows_of(seed, Kind(course=course)), ModelFile(model=Model("linear")))
     assert (found.verdict, found.effect) == ("effect", "linearised-stresses")
 
 
