@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_drives import Kind, samples_of, sized, windows_of
 
+from terrain_cli import effects
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnose
@@ -88,3 +89,11 @@ def test_of_an_assumption_the_way_to_lift_it_that_predicts_best_counts():
     assert found.family[0] == "linearised-stresses"
     stresses = next(one for one in found.candidates if one.effect == "linearised-stresses")
     assert stresses.sizes["shear_modulus"].value == pytest.approx(0.018, rel=0.15)
+
+
+def test_a_late_torque_is_fitted_on_a_base_that_does_not_predict_the_sinkage():
+    kind = Kind({"sensor-lag": {"torque_lag": 0.3}}, seconds=32.0)
+    model = Model("linear", (effects.find("sensor-lag"),))
+    wheel = FittedWheel(windows_of(5, kind, "none")[0], model, FitSettings({}, {}, (), None))
+    assert wheel.parameters["sensor-lag.torque_lag"][0] == pytest.approx(0.3, abs=0.1)
+    assert wheel.parameters["sensor-lag.sinkage_lag"][0] == pytest.approx(0.0, abs=1e-6)

@@ -41,12 +41,13 @@ def behind(
     if not found.model.remembers or not (past := past_of(found)):
         return found
     lags = nearest_lags(found.model, past, measured, held)
-    # What it left was no noise.
-    near = replace(found, shared={**found.shared, **lags}, noise=Noise())
+    # What it left was no noise. A channel that its base does not predict has a lag all the same.
+    none = nothing_late(found.model, {})
+    near = replace(found, shared={**none, **found.shared, **lags}, noise=Noise())
     for number in range(PASSES):
         found = fitted(past, near)
         values, before, errors = (
-            np.array([one[name] for name in near.shared])
+            np.array([one[name] for name in found.shared])
             for one in (found.shared, near.shared, found.shared_errors)
         )
         # Behind a fit without the lags none is settled.
