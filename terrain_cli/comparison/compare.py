@@ -1,10 +1,9 @@
 """The comparison of a model with the measurements of wheels: errors, held-out errors, findings."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from terrain_cli.comparison.comparison_outcome import (
     UNITS,
     ChannelErrors,
     Comparison,
+    Finding,
     Series,
     WheelComparison,
 )
@@ -23,18 +23,11 @@ from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.effect import CERTAIN
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import counted, listed, the_wheel
-from terrain_cli.windows.cut_windows import thinned, unbroken
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.comparison_outcome import Finding
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Array, Index
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.windows.cut_windows import Windows, thinned, unbroken
 
 #: Parameters of the soil that are never negative: what is shown of them, and how.
 NEVER_NEGATIVE = {"cohesion": ("cohesion", " kPa", 1e-3), "tan_phi": ("tan φ", "", 1.0)}
@@ -111,7 +104,7 @@ def of_fitted(
     """
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
-    noise = [{name: wheel.noise[name].deviation for name in wheel.measured} for wheel in fitted]
+    noise = [wheel.levels for wheel in fitted]
     levels = {name: pooled_noise(fitted, name, noise) for name in channels}
     scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
@@ -145,9 +138,7 @@ def of_fitted(
     ]
     warnings += _unpredicted(fitted)
     warnings += [
-        f"{one.windows.samples.source}: {the_wheel(one.windows.samples.wheel)}: {text}"
-        for one in fitted
-        for text in one.fit.impossible(one.settings.fixed)
+        f"{one.windows.samples}: {text}" for one in fitted for text in one.fit.impossible(one.settings.fixed)
     ]
     impossible = list(_impossible_soils(fitted, made))
     warnings += [one.note for one in impossible]
@@ -252,10 +243,10 @@ def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
             known = np.isfinite(measured)
             missing = known & ~np.isfinite(wheel.predicted[name])
             if missing.sum() > criteria.UNPREDICTED * known.sum():
+                lost = f"in {missing.sum()} of {known.sum()} samples"
                 yield (
-                    f"{wheel.windows.samples.source}: {the_wheel(wheel.windows.samples.wheel)}: "
-                    f"{name.replace('_', ' ')} cannot be predicted in {missing.sum()} of "
-                    f"{known.sum()} samples: the fitted soil cannot carry the load, or a channel is missing"
+                    f"{wheel.windows.samples}: {name.replace('_', ' ')} cannot be predicted {lost}: "
+                    "the fitted soil cannot carry the load, or a channel is missing"
                 )
 
 
@@ -263,11 +254,9 @@ def pooled_noise(
     wheels: Sequence[FittedWheel], name: str, noise: Sequence[Mapping[str, float]] | None = None
 ) -> float:
     """Average the wheels' noise, by default that of their residuals, weighted by their samples."""
-    if noise is None:
-        noise = [{channel: wheel.noise[channel].deviation for channel in wheel.measured} for wheel in wheels]
     known = [
         (int(np.isfinite(wheel.residuals[name]).sum()), levels[name])
-        for wheel, levels in zip(wheels, noise, strict=True)
+        for wheel, levels in zip(wheels, noise or [wheel.levels for wheel in wheels], strict=True)
         if np.isfinite(levels.get(name, np.nan))
     ]
     total = sum(count for count, _ in known)

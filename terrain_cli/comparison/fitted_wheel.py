@@ -114,8 +114,7 @@ class FittedWheel:
         lost = self._lost()
         # Of test points load and slip were set, and are exact.
         astray = ratio >= criteria.ASTRAY or not self.ordered or lost
-        levels = {name: level.deviation for name, level in self.noise.items()}
-        sizes = self._sizes()
+        levels, sizes = self.levels, self._sizes()
         before = residual_noise.worst(sizes, levels)
         if not astray and not before > criteria.NOTICED:
             return
@@ -192,7 +191,7 @@ class FittedWheel:
         found = whitening.of_channels(self.measured, self.group if self.ordered else np.arange(len(self)))
         if self.ordered:
             return found
-        levels = [self.noise[name].deviation for name in found.channels]
+        levels = [self.levels[name] for name in found.channels]
         least = np.sqrt(np.diag(found.covariance))
         known = [
             level if np.isfinite(level) and level > 0.0 else size
@@ -312,6 +311,11 @@ class FittedWheel:
                 level = residual_noise.of_neighbours(error, self.window, table)
             levels[name] = residual_noise.NoiseLevel(level, 0)
         return levels
+
+    @property
+    def levels(self) -> dict[str, float]:
+        """Its standard deviations."""
+        return {name: level.deviation for name, level in self.noise.items()}
 
     @cached_property
     def run_under(self) -> Array:

@@ -162,7 +162,7 @@ def join_segments(
             result.append(fewer)
             samples = wheel.windows.samples
             told.append(
-                f"{samples.source}: {the_wheel(samples.wheel)}: one soil predicts as well as one for "
+                f"{samples}: one soil predicts as well as one for "
                 f"each of {len(wheel.windows)} segments; these are fitted as {len(fewer.windows)}"
             )
         else:

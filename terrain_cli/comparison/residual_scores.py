@@ -8,19 +8,14 @@ system an arrow: the groups are eliminated one by one, the common terms by what 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison.shapes import Shape
 from terrain_cli.estimation.wheel_fit.normal_equations import eliminate, pseudo_inverse
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.shapes import Shape
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples whose terms are computed at a time, and those of a wheel up to which these are kept.
 _SLAB, _FEW = 8_192, 16_384

@@ -156,7 +156,7 @@ def _noise(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> whiten
         for name, variance in zip(least.channels, np.diag(least.covariance), strict=True):
             levels[name] = float(np.fmax(levels[name], np.sqrt(variance)))
     else:
-        levels = {name: level.deviation for name, level in wheel.noise.items()}
+        levels = wheel.levels
     return whitening.of_residuals(errors, levels, wheel.record.group, wheel.memory)
 
 

@@ -60,8 +60,7 @@ class SignatureEvidence(NamedTuple):
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
     channels = wheel.smoothed(wheel.gaps, rows, remembering=True)
-    levels = {name: level.deviation for name, level in wheel.noise.items()}
-    white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
+    white = whitening.of_residuals(wheel.residuals, wheel.levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
     residual, known = whitening.known_of(white, errors, inputs_known(channels))
     found = SignatureEvidence(channels, white, residual, known, np.zeros(0))

@@ -28,7 +28,6 @@ from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.wheel_samples import Geometry
 from terrain_cli.vocabulary.arrays import Array, Bounds
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LineMethod, Method
-from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors below 1 %.
@@ -312,7 +311,7 @@ def _fit(
         # What is not known of the sensors is learnt first, with all of them unknown.
         return run(_noise(given, fit.noise), joint) if given else fit
     except InputError as error:
-        raise InputError(f"{samples.source}: {the_wheel(samples.wheel)}: {error}", hint=error.hint) from None
+        raise InputError(f"{samples}: {error}", hint=error.hint) from None
 
 
 def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:

@@ -20,6 +20,7 @@ from terrain_cli.rover import SensorNoise
 from terrain_cli.telemetry.raw_columns import take
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import K_FACTOR
+from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY, Unit
 
 #: Whose samples the other channels are brought to: the first of these that is there.
@@ -248,6 +249,9 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.set_aside)
+
+    def __str__(self) -> str:
+        return f"{self.source}: {the_wheel(self.wheel)}"
 
     @property
     def usable(self) -> Index:

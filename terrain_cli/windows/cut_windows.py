@@ -17,7 +17,6 @@ from terrain_cli.telemetry.usable_samples import on_ground
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
-from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.change_points import (
     Breaks,
     Means,
@@ -214,7 +213,7 @@ def cut(
     if method == "terrain":
         if labels is None:
             raise InputError(
-                f"{samples.source}: {the_wheel(samples.wheel)}: there is no terrain label to cut by",
+                f"{samples}: there is no terrain label to cut by",
                 hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
             )
         bounds = label_windows(labels.codes[rows], breaks=breaks)
@@ -226,8 +225,7 @@ def cut(
             )
         if window_distance is not None and distance is None:
             raise InputError(
-                f"{samples.source}: {the_wheel(samples.wheel)}: nothing gives the distance "
-                "(velocity, or x and y)",
+                f"{samples}: nothing gives the distance (velocity, or x and y)",
                 hint="use --window-samples N",
             )
         bounds = fixed_windows(

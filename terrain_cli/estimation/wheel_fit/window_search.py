@@ -320,10 +320,8 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     for own in np.split(np.arange(len(ends.t)), len(begun)):
         tried = ends.only(own, copies.rows_of(own))
         better = tried.converged & ((tried.merit < state.merit[bad] - _LOWER) | ~state.converged[bad])
-        at = bad[better]
-        state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
-        inside = np.repeat(better, again.count)
-        state.latent[:, rows[inside]] = tried.latent[:, inside]
+        inside = np.flatnonzero(np.repeat(better, again.count))
+        put(state, tried.only(np.flatnonzero(better), inside), bad[better], rows[inside])
     return state
 
 
