@@ -12,7 +12,6 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import (
     drivers,
-    prediction,
     residual_noise,
     smoothed_channels,
     smoothed_fit,
@@ -21,6 +20,7 @@ from terrain_cli.comparison import (
 )
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.estimation import prediction
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.fit_result import at_end
@@ -300,7 +300,6 @@ class FittedWheel:
 
     @cached_property
     def noise(self) -> dict[str, residual_noise.NoiseLevel]:
-        """Noise of the residuals."""
         if self.ordered:
             return residual_noise.of_all(self.residuals, self.group, self.second)
         table = self.run_under
@@ -336,7 +335,6 @@ class FittedWheel:
 
     @cached_property
     def drivers(self) -> dict[str, Driver]:
-        """What the residuals may follow."""
         return drivers.of_wheel(self.windows)
 
     def interpolated(self, gaps: Mapping[str, int]) -> dict[str, Array]:

@@ -31,8 +31,6 @@ _LEVEL, _BY_CHANCE = 0.05, 5.99
 
 
 class NoiseLevel(NamedTuple):
-    """Noise of one residual."""
-
     deviation: float  # Standard deviation; NaN where the data do not tell
     forgotten: int  # Samples after which the noise is another one; 0 for white noise
 

@@ -37,7 +37,6 @@ class Shape:
     partner: int = 0  # Of a periodic shape 0 for the cosine and 1 for the sine
 
     def __call__(self, values: Array) -> Array:
-        """Evaluate at values of the driver."""
         inside = np.clip(values, self.low, self.high)
         if self.name == "constant":
             result = np.ones_like(values)

@@ -256,7 +256,6 @@ class _State(NamedTuple):
 def _linear(
     model: Model, sought: Unknowns, data: SmoothedData, t: Array, common: Array, guess: Array | None
 ) -> _State:
-    """Return residuals and design."""
     names = [u.name for u in (*sought.local, *sought.shared)]
     numbers = smoothed_model.parameters(sought, t[data.window], common, data.window)
     if guess is None:

@@ -54,7 +54,6 @@ class Ground:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
         return 1 + max(int(one.max(initial=-1)) for one in self.block)
 
 

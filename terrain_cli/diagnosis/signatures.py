@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from terrain_cli.comparison import comparison_criteria, whitening
 from terrain_cli.comparison.blocks import DRAWS, joined, long_enough, max_test
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.smoothed_channels import inputs_known
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.effects import Effect
+from terrain_cli.estimation.prediction import derivatives
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index

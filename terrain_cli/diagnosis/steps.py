@@ -90,7 +90,6 @@ class Family:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Their ids."""
         return tuple(one.id for one, _ in self.members)
 
     @property

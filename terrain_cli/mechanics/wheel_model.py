@@ -44,8 +44,6 @@ _BLOCK = 32_000
 
 
 class WheelGeometry(NamedTuple):
-    """Constants of one wheel."""
-
     # radius, width: r and b in m
     radius: float
     width: float
@@ -126,7 +124,6 @@ class Model:
         return [(one.id, p.name) for one in changing for p in one.parameters if p.along == "sinkage"]
 
     def changes(self, quantity: str) -> bool:
-        """Whether an effect changes a quantity."""
         return quantity in self.changing
 
 

@@ -279,7 +279,6 @@ def _again(
 
 
 def _searched(problem: Problem, data: FitData, order: int | None) -> State:
-    """Search with the samples given."""
     t, common = damped_search.centre(problem, data)
     state = _towards(problem, data, t, common, order)
     if not problem.unknowns.shared:

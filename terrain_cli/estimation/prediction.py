@@ -4,11 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from terrain_cli.estimation.wheel_fit import Fit
+from terrain_cli.mechanics import past
 from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry, predict
 from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.windows.cut_windows import Windows
 
 #: From samples, by their indices, to every parameter of the soil and of the effects of each.
 Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
@@ -63,6 +66,31 @@ def values(
             for name in names:
                 result[name][rows] = value(getattr(found, name))
     return result
+
+
+def past_of_fit(
+    whole: Windows, thinned: Windows, channels: Mapping[str, Array], fit: Fit, fixed: Mapping[str, ArrayLike]
+) -> dict[str, Any]:
+    """Return what a fit to the samples of `thinned` predicts of all, as those see it, without what is late.
+
+    For a model with a late channel, to be fitted behind it. `channels` are of all usable samples; of steady
+    test points there is nothing.
+    """
+    samples, rows = whole.samples, whole.rows
+    if samples.time is None:
+        return {}
+    own = {name: np.repeat(one, np.diff(whole.bounds)) for name, one in fit.of_windows(fixed).items()}
+    found = values(
+        fit.model,
+        samples.geometry.wheel,
+        channels,
+        lambda some: {name: column[some] for name, column in own.items()},
+    )
+    velocity = samples.channels.get("velocity")
+    velocity = None if velocity is None else velocity[rows]
+    measured = {name: samples.channels[name][rows] for name in found}
+    shown = past.along(samples.time[rows], samples.stretch[rows], velocity, found, measured)
+    return {name: column[np.searchsorted(rows, thinned.rows)] for name, column in shown.items()}
 
 
 def derivatives(
