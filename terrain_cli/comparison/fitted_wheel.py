@@ -65,7 +65,7 @@ class FittedWheel:
         columns = {name: at_rows(every[name], windows.rows) for name in every if name in read}
         self.channels = {name: column for name, column in columns.items() if np.isfinite(column).any()}
         self.ordered = samples.time is not None
-        self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
+        self.series = samples.stretch[windows.rows]
         told: dict[str, Any] = {"fixed": settings.fixed, "priors": settings.priors, "shared": settings.shared}
 
         def fitted(late: Mapping[str, Any], near: Fit | None) -> Fit:

@@ -94,12 +94,13 @@ def of_stretches(driver: str, values: Array, segments: Index) -> list[Shape]:
     Where a segment begins may also be a step: a zero that jumps cuts a drive as another soil does.
     """
     known = np.isfinite(values)
-    first, last = np.quantile(values[known], _THRESHOLDS[[0, -1]]) if known.any() else (0.0, 0.0)
-    edges = np.quantile(values[known], _THRESHOLDS) if last > first else np.zeros(0)
+    edges = np.quantile(values[known], _THRESHOLDS) if known.any() else np.zeros(1)
+    if not edges[-1] > edges[0]:
+        return []
     pairs = [(low, high) for j, low in enumerate(edges) for high in edges[j + 1 : j + 1 + _LONGEST_STRETCH]]
-    each = [values[known & (segments == one)] for one in np.unique(segments[known])] if last > first else []
+    each = [values[known & (segments == one)] for one in np.unique(segments[known])]
     spans = [(inside.min(), inside.max()) for inside in each]
-    whole = values[known].min(initial=np.inf), values[known].max(initial=-np.inf)
+    whole = values[known].min(), values[known].max()
     steps = [
         values[known & (values < low)].max() for low in sorted({low for low, _ in spans}) if low > whole[0]
     ]

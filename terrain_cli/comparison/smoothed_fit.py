@@ -17,7 +17,7 @@ from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.wheel_fit import Fit, normal_equations
 from terrain_cli.estimation.wheel_fit.damped_search import damped
-from terrain_cli.estimation.wheel_fit.fit_result import LARGEST_OPEN, at_end
+from terrain_cli.estimation.wheel_fit.fit_result import LARGEST_OPEN, at_end, strengths
 from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, inside, newton
 from terrain_cli.estimation.wheel_fit.posterior import WIDE
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
@@ -102,14 +102,7 @@ def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
     errors = {name: np.where(empty, np.nan, error[name]) for name in values}
     changed: dict[str, Any] = {}
     if {"cohesion", "tan_phi"} <= values.keys():
-        c, tan = names.index("cohesion"), names.index("tan_phi")
-        sigma = np.maximum(-own[:, c, tan] / own[:, tan, tan], 0.0)
-        variance = own[:, c, c] + 2.0 * sigma * own[:, c, tan] + sigma**2 * own[:, tan, tan]
-        changed = {
-            "sigma_star": np.where(empty, np.nan, sigma),
-            "strength": values["cohesion"] + sigma * values["tan_phi"],
-            "strength_se": np.where(empty, np.nan, np.sqrt(np.maximum(variance, 0.0))),
-        }
+        changed = {n: np.where(empty, np.nan, one) for n, one in strengths(names, own, values).items()}
     return replace(
         fit,
         values=fit.values | values,

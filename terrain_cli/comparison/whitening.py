@@ -91,9 +91,8 @@ def of_residuals(
     known = np.isfinite(residuals)
     total = np.where(known, residuals, 0.0) ** 2
     rms = np.sqrt(total.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    deviation = np.array([levels[name] if np.isfinite(levels[name]) else np.inf for name in names])
-    deviation = np.where(np.isfinite(deviation), np.maximum(deviation, criteria.LEAST_NOISE * rms), rms)
-    deviation = _sized(deviation)
+    told = np.array([levels[name] for name in names])
+    deviation = _sized(np.where(np.isfinite(told), np.maximum(told, criteria.LEAST_NOISE * rms), rms))
     correlation = np.eye(len(names))
     change = _changes(residuals, group, max(1, memory))
     for a in range(len(names)):
