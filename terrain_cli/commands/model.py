@@ -1,7 +1,5 @@
 """`terrain-est model new|show|add|remove|history`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -140,8 +139,8 @@ def of_fitted(
     warnings += [
         f"{one.windows.samples}: {text}" for one in fitted for text in one.fit.impossible(one.settings.fixed)
     ]
-    impossible = list(_impossible_soils(fitted, made))
-    warnings += [one.note for one in impossible]
+    impossible = dict(_impossible_soils(fitted, made))
+    warnings += impossible.values()
     progress("predicting blocks left out")
     compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
@@ -157,19 +156,15 @@ def of_fitted(
         },
         failures=failures,
         warnings=warnings,
-        impossible=tuple(one.value for one in impossible),
+        impossible=tuple(impossible),
     )
 
 
-class _Impossible(NamedTuple):
-    """A property of a soil that no soil has."""
+def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[tuple[str, str]]:
+    """Say where the model has a cohesion or friction angle clearly below nought, on data that suffice.
 
-    value: str
-    note: str
-
-
-def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[_Impossible]:
-    """Say where the model has a cohesion or friction angle clearly below nought, on data that suffice."""
+    Yields the value, and what is said of it.
+    """
     model = fitted[0].model
     called = " + ".join([model.base, *(effect.id for effect in model.effects)])
     missing = "an effect is wrong or missing" if model.effects else "an effect is missing"
@@ -189,12 +184,12 @@ def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> I
         wrong = [value for value, error in there if value < -CERTAIN * np.nan_to_num(error)]
         if wrong:
             value = f"a {what} of {min(wrong) * factor:.2g}{unit}"
-            yield _Impossible(
-                value,
+            note = (
                 f"{called} gives {value} in {len(wrong)} of {counted(len(soils), 'soil')}, which is "
                 f"physically impossible: {missing}, or {listed(sensors, 'or')} is measured wrongly or with "
-                "too much noise",
+                "too much noise"
             )
+            yield value, note
 
 
 def _without_findings(

@@ -262,7 +262,7 @@ class Residuals:
             values = evidence.drivers.get(shape.driver, np.zeros(len(evidence)))
             part = one.coefficient * np.nan_to_num(shape(values))
             if shape.name == "periodic":
-                part = part + one.other * np.nan_to_num(shape.partnered()(values))
+                part = part + one.other * np.nan_to_num(replace(shape, partner=1)(values))
             yield index, np.where(np.isfinite(evidence.residuals[channel]), part, np.nan)
 
     def _seen(self, one: Found, missing: Sequence[tuple[int, Array]]) -> float:

@@ -131,13 +131,13 @@ class FittedWheel:
         for _ in range(_WEIGHED if not self.ordered else 0):
             data = smoothed_model.with_noise_of(data, solution.residual, criteria.NOISE_POINTS)
             solution = smoothed_fit.solve(self.model, self.sought, data, solution.t, solution.common)
-        self._forget()
+        self.forget()
         self.fit = smoothed_fit.as_fit(data, solution, self.fit)
         self.parameters.update(smoothed_fit.parameters(solution))
         after = self._sizes()
         worse = self.ordered and all(size >= sizes[name] for name, size in after.items())
         if (not astray and residual_noise.worst(after, levels) >= before) or (worse and not lost):
-            self._forget()
+            self.forget()
             self.fit, self.parameters = first
 
     def _sizes(self) -> dict[str, float]:
@@ -145,8 +145,9 @@ class FittedWheel:
         left = {name: error for name, error in self.residuals.items() if np.isfinite(error).any()}
         return {name: float(np.nanmean(error**2)) for name, error in left.items()}
 
-    def _forget(self) -> None:
-        for name in ("read", "predicted", "residuals", "noise"):
+    def forget(self) -> None:
+        """Have what is computed once from the parameters computed anew."""
+        for name in ("read", "measured", "predicted", "residuals", "noise"):
             self.__dict__.pop(name, None)
 
     def _lost(self) -> bool:

@@ -1,9 +1,7 @@
 """Shapes in which a residual may follow a driver."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -56,10 +54,6 @@ class Shape:
             if self.name == "quadratic":
                 result = (2.0 * result - 1.0) ** 2
         return np.asarray(result)
-
-    def partnered(self) -> Shape:
-        """Return the sine that goes with a cosine, or the reverse."""
-        return replace(self, partner=1 - self.partner)
 
 
 def of_number(driver: str, values: Array) -> list[Shape]:

@@ -149,11 +149,3 @@ def _definite(correlation: Array) -> Array:
     mended = (axes * np.maximum(size, 1.0 - _MOST)) @ axes.T
     root = np.sqrt(np.diag(mended))
     return np.asarray(mended / np.outer(root, root))
-
-
-def known_of(
-    white: Whitening, errors: Mapping[str, Array], use: NDArray[np.bool_]
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Whiten residuals, of which some are not known, to (n, c), and tell which are known."""
-    known = np.stack([np.isfinite(errors[name]) & use for name in white.channels], axis=1)
-    return white({name: np.nan_to_num(column) for name, column in errors.items()}, known), known

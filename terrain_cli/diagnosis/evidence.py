@@ -1,11 +1,9 @@
 """What is known of a model on some data, whichever verb found it out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 from terrain_cli.comparison import Comparison, Finding
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -67,7 +65,7 @@ class Evidence:
     noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
 
     @classmethod
-    def of_comparison(cls, comparison: Comparison, refused: tuple[str, ...] = ()) -> Evidence:
+    def of_comparison(cls, comparison: Comparison, refused: tuple[str, ...] = ()) -> Self:
         """Collect what a comparison tells: its errors, its findings, and the scores of effects."""
         scores = comparison.scores() if comparison.scores else None
         tracked = any(_large(comparison, one) for one in comparison.failures)
@@ -83,7 +81,7 @@ class Evidence:
         )
 
     @classmethod
-    def of_diagnosis(cls, found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:
+    def of_diagnosis(cls, found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Self:
         """Collect what a diagnosis tells."""
         law = found.unknown if found.verdict == "unknown" else None
         # What is doubted explains nothing, unless all that is left is doubted.

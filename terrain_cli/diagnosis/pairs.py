@@ -111,7 +111,9 @@ def on_full_stresses(
         if one.effects
     ]
     tried = processes.each(
-        partial(_after, data, base), several, lambda one: progress(f"fitting with {base.id} and {one.id}")
+        partial(refits.refit, data, after=[base]),
+        several,
+        lambda one: progress(f"fitting with {base.id} and {one.id}"),
     )
     good = [pair for pair in zip(several, tried, strict=True) if not refit_ranking.imitates(data, *pair)]
     if not good:
@@ -121,10 +123,6 @@ def on_full_stresses(
     return sorted(
         good, key=lambda pair: (not refit_ranking.as_good(pair[1], best), pair[1].at_bound(pair[0]))
     )
-
-
-def _after(data: Ground, base: Refit, one: Hypothesis) -> Refit:
-    return refits.refit(data, one, after=[base])
 
 
 def _both(data: Ground, first: Hypothesis, second: Hypothesis) -> Hypothesis | None:

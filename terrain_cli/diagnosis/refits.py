@@ -347,17 +347,12 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     return errors, found
 
 
-#: What a wheel computes once from its parameters.
-_COMPUTED = ("read", "measured", "predicted", "residuals", "noise")
-
-
 def on_wheels(data: Ground, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
     """Return the wheels with what a refit of a hypothesis found, and with parameters that it held."""
     found = []
     for wheel, solution in zip(data.wheels, refit.solutions, strict=True):
         solved = copy.copy(wheel)
-        for name in _COMPUTED:
-            solved.__dict__.pop(name, None)
+        solved.forget()
         solved.model = solution.model
         solved.seek(solution.unknowns)
         held = {name: np.full(len(wheel.windows), value) for name, value in one.fixed.items()}

@@ -1,12 +1,10 @@
 """The estimator that goes with a model, and the fit of a whole model to the windows of a wheel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -210,7 +208,7 @@ class FitSettings:
     noise: Noise | None  # Of the sensors; learnt from the data if not given
 
     @classmethod
-    def of(cls, wheels: Sequence[Windows], file: ModelFile) -> FitSettings:
+    def of(cls, wheels: Sequence[Windows], file: ModelFile) -> Self:
         """Return what a model file and rover.toml say of some wheels of one rover.
 
         Held are the parameters of the file, and those whose channels a wheel lacks. The noise is known if

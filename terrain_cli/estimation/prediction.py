@@ -85,6 +85,7 @@ def past_of_fit(
         samples.geometry.wheel,
         channels,
         lambda some: {name: column[some] for name, column in own.items()},
+        near=np.full(len(rows), np.nan),  # As in a fit, which begins at no measured one
     )
     velocity = samples.channels.get("velocity")
     velocity = None if velocity is None else velocity[rows]

@@ -1,11 +1,9 @@
 """Models on the same windows and blocks: before and after a change, and those to choose from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -43,7 +41,7 @@ class _OnSoils(NamedTuple):
     told: Sequence[str]  # What has to be said about it
 
     @classmethod
-    def of(cls, wheels: Sequence[Windows], file: ModelFile, progress: Callable[[str], None]) -> _OnSoils:
+    def of(cls, wheels: Sequence[Windows], file: ModelFile, progress: Callable[[str], None]) -> Self:
         settings = FitSettings.of(wheels, file)
         missing = alarm.missing_effects(file)
         further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
@@ -51,7 +49,7 @@ class _OnSoils(NamedTuple):
         several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
         return cls(wheels, file, missing, several, told)
 
-    def on_needed(self, **options: Any) -> tuple[_OnSoils, Comparison]:
+    def on_needed(self, **options: Any) -> tuple[Self, Comparison]:
         """Compare it on the soils that it needs, which may be more; options are those of `compared`."""
         found = self.compared(**options)
         fitted, steps, _ = several_soils.on_more(found, self.fitted, self.file, self.missing)

@@ -3,13 +3,11 @@
 Names may mean one wheel: ``front-left``, ``/front_left/load`` and ``FrontLeftWheelJoint``.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -257,7 +255,7 @@ class Samples:
     def usable(self) -> Index:
         return np.flatnonzero(self.set_aside.codes < 0)
 
-    def taken(self, rows: Index | Mask | slice) -> Samples:
+    def taken(self, rows: Index | Mask | slice) -> Self:
         own = {name: getattr(self, name) for name in COLUMNS}
         columns: dict[str, Any] = {name: take(one, rows) for name, one in own.items() if one is not None}
         for name in TABLES:

@@ -1,11 +1,9 @@
 """Windows of homogeneous terrain: which usable samples belong together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,7 +78,7 @@ class Windows:
         """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
         return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
 
-    def thinned(self, most: int) -> Windows:
+    def thinned(self, most: int) -> Self:
         """Return the same windows with no more samples of each than some number, evenly spread."""
         count = np.diff(self.bounds)
         if not np.any(count > most):
@@ -90,13 +88,13 @@ class Windows:
         chosen = np.flatnonzero(place % np.repeat(step, count) == 0)
         return self.taken(chosen, np.searchsorted(chosen, self.bounds))
 
-    def groups(self, most: int) -> Iterator[Windows]:
+    def groups(self, most: int) -> Iterator[Self]:
         """Yield runs of whole windows with so many samples together, or one window each."""
         for first, last in runs(self.bounds, most):
             bounds = self.bounds[first : last + 1]
             yield self.taken(slice(bounds[0], bounds[-1]), bounds - bounds[0])
 
-    def on_line(self) -> Windows:
+    def on_line(self) -> Self:
         """Return the same windows without the samples of a skidding wheel."""
         driving = self.driving
         if driving.all():
@@ -104,7 +102,7 @@ class Windows:
         before = np.concatenate([[0], np.cumsum(driving)])
         return self.taken(driving, before[self.bounds])
 
-    def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Windows:
+    def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Self:
         """Return windows of some of the usable samples, with bounds among these."""
         return replace(self, rows=self.rows[chosen], bounds=bounds, x=self.x[chosen], y=self.y[chosen])
 

@@ -9,10 +9,8 @@ Waves of an output, or of c and tan φ, that need not show add to the covariance
 mean square that the data leave them, times their probability.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -108,7 +106,7 @@ class _Both(NamedTuple):
     score: Array
 
     @classmethod
-    def of(cls, residual: Array, design: Array, added: Array, data: FitData, t: Array) -> _Both:
+    def of(cls, residual: Array, design: Array, added: Array, data: FitData, t: Array) -> Self:
         local = t.shape[1]
         both = np.concatenate([design, added], axis=1)
         information = window_products(both, both, data.bounds)
