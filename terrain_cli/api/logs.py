@@ -1,5 +1,7 @@
 """Logs, rovers and models as they are read, and what the functions of `terrain_cli` take for data."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

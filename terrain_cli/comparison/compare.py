@@ -293,21 +293,15 @@ def _blocks(wheels: Sequence[FittedWheel]) -> tuple[list[Index], Index | None]:
     enough = len(lengths) >= criteria.ENOUGH_RUNS
     cut = blocks.fine(lengths, max(lengths) if enough else shortest, most=criteria.MOST_BLOCKS)
     of: list[Index] = [np.zeros(0, dtype=np.intp)] * len(wheels)
-    chain_of: dict[int, int] = {}
-    position = 0
+    parts = iter(cut)
     for members, leader in zip(inputs.values(), leaders, strict=True):
-        labels = np.unique(runs[leader])
         own = np.empty(len(wheels[leader]), dtype=np.intp)
-        for label in labels:
-            rows = np.flatnonzero(runs[leader] == label)
-            own[rows] = cut[position]
-            chain_of.update(dict.fromkeys(np.unique(cut[position]).tolist(), position))
-            position += 1
+        for label in np.unique(runs[leader]):
+            own[runs[leader] == label] = next(parts)
         for index in members:
             # Another wheel's samples have the block of the leader's last one before them.
             of[index] = own if index == leader else own[blocks.at_times(times(leader), times(index))]
-    chain = np.array([chain_of[block] for block in range(len(chain_of))], dtype=np.intp)
-    return of, None if enough else chain
+    return of, None if enough else np.repeat(np.arange(len(cut)), [len(np.unique(part)) for part in cut])
 
 
 def _runs(wheel: FittedWheel) -> Index:

@@ -19,7 +19,6 @@ from terrain_cli.comparison import (
     whitening,
 )
 from terrain_cli.comparison.comparison_outcome import Driver
-from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation import prediction
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
@@ -165,7 +164,7 @@ class FittedWheel:
         t = np.stack(local, axis=1) if local else np.zeros((len(self.windows), 0))
         return np.clip(t, -_FAR, _FAR), np.array(shared)
 
-    def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.SmoothedData:
+    def least_squares_data(self, white: whitening.Whitening | None = None) -> smoothed_model.SmoothedData:
         """Prepare a fit by `smoothed_fit.solve`.
 
         It is whitened by `white`, which is made of what is left; if not given, by what changes from sample
@@ -187,17 +186,14 @@ class FittedWheel:
             blocks=min(blocks, criteria.MOST_BLOCKS),
         )
 
-    def _noise_of_channels(self) -> Whitening:
+    def _noise_of_channels(self) -> whitening.Whitening:
         """Return the noise before anything is fitted; of test points what repeated ones differ by."""
         found = whitening.of_channels(self.measured, self.group if self.ordered else np.arange(len(self)))
         if self.ordered:
             return found
-        levels = [self.levels[name] for name in found.channels]
+        levels = np.array([self.levels[name] for name in found.channels])
         least = np.sqrt(np.diag(found.covariance))
-        known = [
-            level if np.isfinite(level) and level > 0.0 else size
-            for level, size in zip(levels, least, strict=True)
-        ]
+        known = np.where(np.isfinite(levels) & (levels > 0.0), levels, least)
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
 
     @cached_property
@@ -314,7 +310,7 @@ class FittedWheel:
 
     @property
     def levels(self) -> dict[str, float]:
-        """Its standard deviations."""
+        """Standard deviation of that noise."""
         return {name: level.deviation for name, level in self.noise.items()}
 
     @cached_property

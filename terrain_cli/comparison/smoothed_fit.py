@@ -81,10 +81,9 @@ def covariance(data: SmoothedData, solution: Solution, prior: float = 1.0) -> tu
 
 def parameters(solution: Solution) -> dict[str, Array]:
     """Return the parameters sought, in their own units, (w,): what is common stands in every window."""
-    windows, sought = len(solution.t), solution.unknowns
-    found = {u.name: u.value(solution.t[:, j]) for j, u in enumerate(sought.local)}
-    common = {u.name: u.value(np.asarray(solution.common[j])) for j, u in enumerate(sought.shared)}
-    return found | {name: np.full(windows, float(value)) for name, value in common.items()}
+    sought = (*solution.unknowns.local, *solution.unknowns.shared)
+    both = zip(sought, (*solution.t.T, *solution.common), strict=True)
+    return {u.name: np.full(len(solution.t), u.value(np.asarray(number))) for u, number in both}
 
 
 def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
