@@ -136,6 +136,8 @@ def _rows(model: Model, channels: Mapping[str, Array], needed: Sequence[str]) ->
     return np.flatnonzero(fine & (channels["sinkage"] > 0.0) if "sinkage" in needed else fine)
 
 
+# An effect far from what it can be may leave no contact: no prediction, and no warning.
+@np.errstate(all="ignore")
 def _predict(
     model: Model,
     wheel: WheelGeometry,
@@ -144,12 +146,5 @@ def _predict(
     rows: NDArray[np.intp],
     **options: Any,
 ) -> Prediction:
-    # An effect far from what it can be may leave no contact: no prediction, and no warning.
-    with np.errstate(all="ignore"):
-        return predict(
-            model,
-            wheel,
-            {name: column[rows] for name, column in channels.items()},
-            parameters(rows),
-            **options,
-        )
+    some = {name: column[rows] for name, column in channels.items()}
+    return predict(model, wheel, some, parameters(rows), **options)
