@@ -13,7 +13,6 @@ from terrain_cli import effects, models
 from terrain_cli.comparison import blocks, smoothed_model
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.diagnosis import screening
-from terrain_cli.estimation import estimators
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.joined_inputs import by_wheel
@@ -65,9 +64,8 @@ def screen(size: str, folder: Path) -> Case:  # noqa: ARG001 - every stage is ma
     every = list(effects.catalogue().values())
     windows = by_wheel(windows_of(11, Kind(sized(HIDDEN), seconds=SECONDS[size]), "none"), every)
     file = models.ModelFile()
-    held, priors, noise = estimators.assumed(windows, file)
     further = tuple(dict.fromkeys(name for effect in every for name in effect.reads))
-    wheels, _ = fit_wheels(windows, Model(), FitSettings(held, priors, (), noise), further=further)
+    wheels, _ = fit_wheels(windows, Model(), FitSettings.of(windows, file), further=further)
     tried = [one for one in screening.hypotheses(file, wheels, every)[0] if one.effects]
     block = [
         own.astype(np.intp) for own in blocks.fine([len(w) for w in wheels], int(BLOCK * Kind.rate), most=40)

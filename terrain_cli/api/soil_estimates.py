@@ -17,7 +17,6 @@ from terrain_cli.presentation import segment_table
 from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.choices import Method
-from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
 
@@ -178,8 +177,7 @@ def _lined(windows: Windows) -> Windows:
     missing = [name for name in NEEDED if name not in samples.channels]
     if missing:
         raise InputError(
-            f"{samples.source}: {the_wheel(samples.wheel)}: c and φ need {' and '.join(missing)}, which the "
-            "log does not give",
+            f"{samples}: c and φ need {' and '.join(missing)}, which the log does not give",
             hint="terrain-est inspect shows what each channel is read from; compare and diagnose do without",
         )
     return windows

@@ -1,25 +1,16 @@
 """`terrain-est model new|show|add|remove|history`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from terrain_cli.commands import comparison_options, model_changes, options, paths
 from terrain_cli.commands.model_changes import add
 from terrain_cli.errors import UsageError
-from terrain_cli.presentation.terminal import aligned, say
+from terrain_cli.presentation.terminal import say
 from terrain_cli.vocabulary.choices import BASES
-from terrain_cli.vocabulary.quantities import counted
-
-if TYPE_CHECKING:
-    from terrain_cli.models import ModelFile
-
-DESCRIPTION_FORMAT = "terrain-est/model-description/1"
-HISTORY_FORMAT = "terrain-est/model-history/1"
 
 
 @options.verb(
@@ -92,77 +83,13 @@ def show(file: str, as_json: bool) -> None:
     FILE is a model file, or the name of a base.
     """
     from terrain_cli import models
+    from terrain_cli.presentation import model_text
 
-    document = _description(file, models.resolve(file))
+    document = model_text.document(file, models.resolve(file))
     if as_json:
         click.echo(json.dumps(document, ensure_ascii=False, indent=2, default=str))
     else:
-        say("\n".join(_text(document)))
-
-
-def _description(name: str, file: ModelFile) -> dict[str, Any]:
-    return {
-        "format": DESCRIPTION_FORMAT,
-        "model": name,
-        "base": file.model.base,
-        "effects": [
-            {
-                **{key: getattr(effect, key) for key in ("id", "title", "kind", "formula")},
-                "needs": list(effect.needs),
-                "any_of": list(effect.any_of),
-                "origin": effect.origin,
-            }
-            for effect in file.model.effects
-        ],
-        "parameters": {name: _parameter(name, unit, file) for name, unit in file.units.items()},
-        "needs": list(file.model.needs),
-        "uses": list(dict.fromkeys(name for effect in file.model.effects for name in effect.reads)),
-        "history": list(file.history),
-    }
-
-
-def _parameter(name: str, unit: str, file: ModelFile) -> dict[str, Any]:
-    from terrain_cli.models.model_file import SOIL
-
-    own = file.model.parameters.get(name)
-    prior, factor = file.priors.get(name), file.factor(name)
-    return {
-        "unit": unit,
-        "meaning": own.meaning if own else SOIL[name][1],
-        "held": file.fixed[name] / factor if name in file.fixed else None,
-        "prior": {"mean": prior.mean / factor, "sd": prior.sd / factor} if prior else None,
-        "per": "wheel" if own or name in file.shared else "window",
-        "null": own.null / factor if own else None,
-    }
-
-
-def _text(document: dict[str, Any]) -> list[str]:
-    lines = [f"{document['model']}: base {document['base']}"]
-    for effect in document["effects"]:
-        lines.append(f"  + {effect['id']} ({effect['kind']}): {effect['title']}")
-        lines += [f"      {effect['formula']}"] * bool(effect["formula"])
-    rows = [("parameter", "unit", "", "meaning")]
-    for name, entry in document["parameters"].items():
-        state = f"estimated for each {entry['per'].replace('window', 'segment')}"
-        if entry["held"] is not None:
-            state = f"held at {entry['held']:g}"
-        elif entry["prior"]:
-            state += f", known as {entry['prior']['mean']:g} ± {entry['prior']['sd']:g}"
-        rows.append((name, entry["unit"], state, entry["meaning"]))
-    lines += aligned(rows, "  ")
-    if document["uses"]:
-        names = (name if name in document["needs"] else f"{name} (if there)" for name in document["uses"])
-        lines.append(f"channels that the effects use: {', '.join(names)}")
-    if document["history"]:
-        from terrain_cli.improvement.model_history import refusals, rungs
-
-        lines.append("history:")
-        lines += [
-            f"  {rung.number}. " + ": ".join(filter(None, [rung.label, rung.because]))
-            for rung in rungs(document["history"])
-        ]
-        lines += [f"  {one}" for one in refusals(document["history"])]
-    return lines
+        say("\n".join(model_text.text(document)))
 
 
 @options.verb(
@@ -183,27 +110,14 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     noise, which no model can predict. A step may have been tried on other data than the one before.
     """
     from terrain_cli.improvement import model_history
-    from terrain_cli.presentation import change_text
+    from terrain_cli.presentation import model_text
 
     model = model_changes.load(file)
     rungs = model_history.rungs(model.history)
     if as_json:
-        content = {
-            "format": HISTORY_FORMAT,
-            "file": file,
-            "base": model.model.base,
-            "effects": [effect.id for effect in model.model.effects],
-            "steps": [dict(entry) for entry in model.history],
-        }
-        click.echo(json.dumps(content, ensure_ascii=False, indent=2, default=str))
+        click.echo(json.dumps(model_text.history(file, model), ensure_ascii=False, indent=2, default=str))
     else:
-        name = " + ".join([model.model.base, *(effect.id for effect in model.model.effects)])
-        say(f"{file}: {name}, after {counted(len(rungs), 'change')} on record")
-        if rungs:
-            head, rows = change_text.ladder(rungs)
-            say("\n".join(["", *aligned([head, *rows]), "", *change_text.remarks(rungs)]))
-        if refusals := model_history.refusals(model.history):
-            say("\n".join(["", "tried, and not added:", *refusals]))
+        say("\n".join(model_text.history_text(file, model)))
     given = {"plot": plot, "quiet": quiet}
     comparison_options.draw(rungs, given, "no step was tried on data: no picture")
 

@@ -1,10 +1,8 @@
 """The comparison of a model with the measurements of wheels: errors, held-out errors, findings."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from terrain_cli.comparison.comparison_outcome import (
     UNITS,
     ChannelErrors,
     Comparison,
+    Finding,
     Series,
     WheelComparison,
 )
@@ -23,18 +22,11 @@ from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.effect import CERTAIN
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import counted, listed, the_wheel
-from terrain_cli.windows.cut_windows import thinned, unbroken
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.comparison_outcome import Finding
-    from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.models import ModelFile
-    from terrain_cli.vocabulary.arrays import Array, Index
-    from terrain_cli.windows.cut_windows import Windows
-
+from terrain_cli.windows.cut_windows import Windows, thinned, unbroken
 
 #: Parameters of the soil that are never negative: what is shown of them, and how.
 NEVER_NEGATIVE = {"cohesion": ("cohesion", " kPa", 1e-3), "tan_phi": ("tan φ", "", 1.0)}
@@ -111,7 +103,7 @@ def of_fitted(
     """
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
-    noise = [{name: wheel.noise[name].deviation for name in wheel.measured} for wheel in fitted]
+    noise = [wheel.levels for wheel in fitted]
     levels = {name: pooled_noise(fitted, name, noise) for name in channels}
     scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
@@ -145,12 +137,10 @@ def of_fitted(
     ]
     warnings += _unpredicted(fitted)
     warnings += [
-        f"{one.windows.samples.source}: {the_wheel(one.windows.samples.wheel)}: {text}"
-        for one in fitted
-        for text in one.fit.impossible(one.settings.fixed)
+        f"{one.windows.samples}: {text}" for one in fitted for text in one.fit.impossible(one.settings.fixed)
     ]
-    impossible = list(_impossible_soils(fitted, made))
-    warnings += [one.note for one in impossible]
+    impossible = dict(_impossible_soils(fitted, made))
+    warnings += impossible.values()
     progress("predicting blocks left out")
     compared = [_compared(*one, scale) for one in zip(fitted, made, noise, strict=True)]
     return Comparison(
@@ -166,19 +156,15 @@ def of_fitted(
         },
         failures=failures,
         warnings=warnings,
-        impossible=tuple(one.value for one in impossible),
+        impossible=tuple(impossible),
     )
 
 
-class _Impossible(NamedTuple):
-    """A property of a soil that no soil has."""
+def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[tuple[str, str]]:
+    """Say where the model has a cohesion or friction angle clearly below nought, on data that suffice.
 
-    value: str
-    note: str
-
-
-def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> Iterator[_Impossible]:
-    """Say where the model has a cohesion or friction angle clearly below nought, on data that suffice."""
+    Yields the value, and what is said of it.
+    """
     model = fitted[0].model
     called = " + ".join([model.base, *(effect.id for effect in model.effects)])
     missing = "an effect is wrong or missing" if model.effects else "an effect is missing"
@@ -198,12 +184,12 @@ def _impossible_soils(fitted: Sequence[FittedWheel], made: Sequence[Index]) -> I
         wrong = [value for value, error in there if value < -CERTAIN * np.nan_to_num(error)]
         if wrong:
             value = f"a {what} of {min(wrong) * factor:.2g}{unit}"
-            yield _Impossible(
-                value,
+            note = (
                 f"{called} gives {value} in {len(wrong)} of {counted(len(soils), 'soil')}, which is "
                 f"physically impossible: {missing}, or {listed(sensors, 'or')} is measured wrongly or with "
-                "too much noise",
+                "too much noise"
             )
+            yield value, note
 
 
 def _without_findings(
@@ -252,10 +238,10 @@ def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
             known = np.isfinite(measured)
             missing = known & ~np.isfinite(wheel.predicted[name])
             if missing.sum() > criteria.UNPREDICTED * known.sum():
+                lost = f"in {missing.sum()} of {known.sum()} samples"
                 yield (
-                    f"{wheel.windows.samples.source}: {the_wheel(wheel.windows.samples.wheel)}: "
-                    f"{name.replace('_', ' ')} cannot be predicted in {missing.sum()} of "
-                    f"{known.sum()} samples: the fitted soil cannot carry the load, or a channel is missing"
+                    f"{wheel.windows.samples}: {name.replace('_', ' ')} cannot be predicted {lost}: "
+                    "the fitted soil cannot carry the load, or a channel is missing"
                 )
 
 
@@ -263,11 +249,9 @@ def pooled_noise(
     wheels: Sequence[FittedWheel], name: str, noise: Sequence[Mapping[str, float]] | None = None
 ) -> float:
     """Average the wheels' noise, by default that of their residuals, weighted by their samples."""
-    if noise is None:
-        noise = [{channel: wheel.noise[channel].deviation for channel in wheel.measured} for wheel in wheels]
     known = [
         (int(np.isfinite(wheel.residuals[name]).sum()), levels[name])
-        for wheel, levels in zip(wheels, noise, strict=True)
+        for wheel, levels in zip(wheels, noise or [wheel.levels for wheel in wheels], strict=True)
         if np.isfinite(levels.get(name, np.nan))
     ]
     total = sum(count for count, _ in known)
@@ -309,21 +293,15 @@ def _blocks(wheels: Sequence[FittedWheel]) -> tuple[list[Index], Index | None]:
     enough = len(lengths) >= criteria.ENOUGH_RUNS
     cut = blocks.fine(lengths, max(lengths) if enough else shortest, most=criteria.MOST_BLOCKS)
     of: list[Index] = [np.zeros(0, dtype=np.intp)] * len(wheels)
-    chain_of: dict[int, int] = {}
-    position = 0
+    parts = iter(cut)
     for members, leader in zip(inputs.values(), leaders, strict=True):
-        labels = np.unique(runs[leader])
         own = np.empty(len(wheels[leader]), dtype=np.intp)
-        for label in labels:
-            rows = np.flatnonzero(runs[leader] == label)
-            own[rows] = cut[position]
-            chain_of.update(dict.fromkeys(np.unique(cut[position]).tolist(), position))
-            position += 1
+        for label in np.unique(runs[leader]):
+            own[runs[leader] == label] = next(parts)
         for index in members:
             # Another wheel's samples have the block of the leader's last one before them.
             of[index] = own if index == leader else own[blocks.at_times(times(leader), times(index))]
-    chain = np.array([chain_of[block] for block in range(len(chain_of))], dtype=np.intp)
-    return of, None if enough else chain
+    return of, None if enough else np.repeat(np.arange(len(cut)), [len(np.unique(part)) for part in cut])
 
 
 def _runs(wheel: FittedWheel) -> Index:

@@ -1,7 +1,7 @@
 """The result of a comparison of a model with measurements, and c and φ of its segments."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, Self
 
@@ -13,7 +13,7 @@ from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.models import Refused
+from terrain_cli.models import ModelFile, Refused, refused
 from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.unit_doubts import Doubt
 from terrain_cli.telemetry.usable_samples import unsorted
@@ -256,6 +256,13 @@ def _own(wheel: WheelComparison, cut: Windows, stress: float | None) -> Soils:
     nothing = np.full(len(windows), np.nan)
     line = WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
     return Soils(windows, estimators.of_fit(wheel.fit, line, windows, stress)).on(cut)
+
+
+def with_refused(comparison: Comparison, file: ModelFile, wheels: Sequence[Windows]) -> Comparison:
+    """Return a comparison with what its model file says was tried on the same inputs, and did not pay."""
+    sources = [one.samples.source for one in wheels]
+    samples = sum(len(one.windows.rows) for one in comparison.wheels)
+    return replace(comparison, refused=refused(file, sources, samples))
 
 
 def as_estimated(comparison: Comparison) -> Comparison:

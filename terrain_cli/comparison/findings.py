@@ -28,13 +28,11 @@ _WORST = 3  # Segments named in a finding
 
 def _precision(wheel: FittedWheel) -> Array:
     """Return what is known beforehand of the soil of each window, about where it was fitted."""
-    widths = [
-        wheel.prior[name] * (np.abs(wheel.parameters[name]) if name in wheel.logarithmic else 1.0)
-        for name in wheel.soil
-    ]
-    shape = len(wheel.soil), len(wheel.windows)
-    width = np.stack([np.broadcast_to(one, shape[1:]) for one in widths]) if widths else np.ones(shape)
-    return np.asarray(width.T**-2.0)
+    width = np.ones((len(wheel.windows), len(wheel.soil)))
+    for column, name in enumerate(wheel.soil):
+        size = np.abs(wheel.parameters[name]) if name in wheel.logarithmic else 1.0
+        width[:, column] = wheel.prior[name] * size
+    return width**-2.0
 
 
 class Residuals:
@@ -262,7 +260,7 @@ class Residuals:
             values = evidence.drivers.get(shape.driver, np.zeros(len(evidence)))
             part = one.coefficient * np.nan_to_num(shape(values))
             if shape.name == "periodic":
-                part = part + one.other * np.nan_to_num(shape.partnered()(values))
+                part = part + one.other * np.nan_to_num(replace(shape, partner=1)(values))
             yield index, np.where(np.isfinite(evidence.residuals[channel]), part, np.nan)
 
     def _seen(self, one: Found, missing: Sequence[tuple[int, Array]]) -> float:

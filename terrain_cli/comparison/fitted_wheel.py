@@ -12,7 +12,6 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import (
     drivers,
-    prediction,
     residual_noise,
     smoothed_channels,
     smoothed_fit,
@@ -20,7 +19,7 @@ from terrain_cli.comparison import (
     whitening,
 )
 from terrain_cli.comparison.comparison_outcome import Driver
-from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.estimation import prediction
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.fit_result import at_end
@@ -65,7 +64,7 @@ class FittedWheel:
         columns = {name: at_rows(every[name], windows.rows) for name in every if name in read}
         self.channels = {name: column for name, column in columns.items() if np.isfinite(column).any()}
         self.ordered = samples.time is not None
-        self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
+        self.series = samples.stretch[windows.rows]
         told: dict[str, Any] = {"fixed": settings.fixed, "priors": settings.priors, "shared": settings.shared}
 
         def fitted(late: Mapping[str, Any], near: Fit | None) -> Fit:
@@ -114,8 +113,7 @@ class FittedWheel:
         lost = self._lost()
         # Of test points load and slip were set, and are exact.
         astray = ratio >= criteria.ASTRAY or not self.ordered or lost
-        levels = {name: level.deviation for name, level in self.noise.items()}
-        sizes = self._sizes()
+        levels, sizes = self.levels, self._sizes()
         before = residual_noise.worst(sizes, levels)
         if not astray and not before > criteria.NOTICED:
             return
@@ -132,13 +130,13 @@ class FittedWheel:
         for _ in range(_WEIGHED if not self.ordered else 0):
             data = smoothed_model.with_noise_of(data, solution.residual, criteria.NOISE_POINTS)
             solution = smoothed_fit.solve(self.model, self.sought, data, solution.t, solution.common)
-        self._forget()
+        self.forget()
         self.fit = smoothed_fit.as_fit(data, solution, self.fit)
         self.parameters.update(smoothed_fit.parameters(solution))
         after = self._sizes()
         worse = self.ordered and all(size >= sizes[name] for name, size in after.items())
         if (not astray and residual_noise.worst(after, levels) >= before) or (worse and not lost):
-            self._forget()
+            self.forget()
             self.fit, self.parameters = first
 
     def _sizes(self) -> dict[str, float]:
@@ -146,8 +144,9 @@ class FittedWheel:
         left = {name: error for name, error in self.residuals.items() if np.isfinite(error).any()}
         return {name: float(np.nanmean(error**2)) for name, error in left.items()}
 
-    def _forget(self) -> None:
-        for name in ("read", "predicted", "residuals", "noise"):
+    def forget(self) -> None:
+        """Have what is computed once from the parameters computed anew."""
+        for name in ("read", "measured", "predicted", "residuals", "noise"):
             self.__dict__.pop(name, None)
 
     def _lost(self) -> bool:
@@ -165,7 +164,7 @@ class FittedWheel:
         t = np.stack(local, axis=1) if local else np.zeros((len(self.windows), 0))
         return np.clip(t, -_FAR, _FAR), np.array(shared)
 
-    def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.SmoothedData:
+    def least_squares_data(self, white: whitening.Whitening | None = None) -> smoothed_model.SmoothedData:
         """Prepare a fit by `smoothed_fit.solve`.
 
         It is whitened by `white`, which is made of what is left; if not given, by what changes from sample
@@ -187,17 +186,14 @@ class FittedWheel:
             blocks=min(blocks, criteria.MOST_BLOCKS),
         )
 
-    def _noise_of_channels(self) -> Whitening:
+    def _noise_of_channels(self) -> whitening.Whitening:
         """Return the noise before anything is fitted; of test points what repeated ones differ by."""
         found = whitening.of_channels(self.measured, self.group if self.ordered else np.arange(len(self)))
         if self.ordered:
             return found
-        levels = [self.noise[name].deviation for name in found.channels]
+        levels = np.array([self.levels[name] for name in found.channels])
         least = np.sqrt(np.diag(found.covariance))
-        known = [
-            level if np.isfinite(level) and level > 0.0 else size
-            for level, size in zip(levels, least, strict=True)
-        ]
+        known = np.where(np.isfinite(levels) & (levels > 0.0), levels, least)
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
 
     @cached_property
@@ -301,7 +297,6 @@ class FittedWheel:
 
     @cached_property
     def noise(self) -> dict[str, residual_noise.NoiseLevel]:
-        """Noise of the residuals."""
         if self.ordered:
             return residual_noise.of_all(self.residuals, self.group, self.second)
         table = self.run_under
@@ -312,6 +307,11 @@ class FittedWheel:
                 level = residual_noise.of_neighbours(error, self.window, table)
             levels[name] = residual_noise.NoiseLevel(level, 0)
         return levels
+
+    @property
+    def levels(self) -> dict[str, float]:
+        """Standard deviation of that noise."""
+        return {name: level.deviation for name, level in self.noise.items()}
 
     @cached_property
     def run_under(self) -> Array:
@@ -332,7 +332,6 @@ class FittedWheel:
 
     @cached_property
     def drivers(self) -> dict[str, Driver]:
-        """What the residuals may follow."""
         return drivers.of_wheel(self.windows)
 
     def interpolated(self, gaps: Mapping[str, int]) -> dict[str, Array]:

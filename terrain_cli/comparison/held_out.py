@@ -6,9 +6,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_cli.comparison import blocks, prediction, smoothed_model
+from terrain_cli.comparison import blocks, smoothed_model
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.estimation import prediction
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import the_wheel
@@ -162,7 +163,7 @@ def join_segments(
             result.append(fewer)
             samples = wheel.windows.samples
             told.append(
-                f"{samples.source}: {the_wheel(samples.wheel)}: one soil predicts as well as one for "
+                f"{samples}: one soil predicts as well as one for "
                 f"each of {len(wheel.windows)} segments; these are fitted as {len(fewer.windows)}"
             )
         else:

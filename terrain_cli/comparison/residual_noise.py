@@ -1,21 +1,15 @@
 """The noise in a residual: its part that changes from sample to sample, and not with the drive."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import distributions
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples that the longest lag of the variogram spans at the least, and lags beyond the twelfth. Judged. Of
 #: 64 clean logs whose noise lasts, 60 samples pass for a misfit in 2, and 30 in 3; but at 10 Hz 60 take soil
@@ -37,8 +31,6 @@ _LEVEL, _BY_CHANCE = 0.05, 5.99
 
 
 class NoiseLevel(NamedTuple):
-    """Noise of one residual."""
-
     deviation: float  # Standard deviation; NaN where the data do not tell
     forgotten: int  # Samples after which the noise is another one; 0 for white noise
 

@@ -6,21 +6,15 @@ score is Σ b̂ w e. Parameters of the soil are each group's own, all others are
 system an arrow: the groups are eliminated one by one, the common terms by what is left.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
+from terrain_cli.comparison.shapes import Shape
 from terrain_cli.estimation.wheel_fit.normal_equations import eliminate, pseudo_inverse
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from terrain_cli.comparison.shapes import Shape
-    from terrain_cli.vocabulary.arrays import Array, Index
-
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Samples whose terms are computed at a time, and those of a wheel up to which these are kept.
 _SLAB, _FEW = 8_192, 16_384
@@ -161,7 +155,7 @@ class System:
         self._mixed = np.zeros((groups, soil, terms))
         self._cross = np.zeros((terms, terms))
 
-    def add(self, cells: Iterable[ScoreCell]) -> System:
+    def add(self, cells: Iterable[ScoreCell]) -> Self:
         """Collect the moments of all samples, eliminate the groups' own parameters, and return the system."""
         # Cells of one channel have one array of places: theirs are summed before they go among all terms.
         crosses: dict[tuple[int, float], tuple[Index, Array]] = {}

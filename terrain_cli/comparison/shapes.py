@@ -1,9 +1,7 @@
 """Shapes in which a residual may follow a driver."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -37,7 +35,6 @@ class Shape:
     partner: int = 0  # Of a periodic shape 0 for the cosine and 1 for the sine
 
     def __call__(self, values: Array) -> Array:
-        """Evaluate at values of the driver."""
         inside = np.clip(values, self.low, self.high)
         if self.name == "constant":
             result = np.ones_like(values)
@@ -57,10 +54,6 @@ class Shape:
             if self.name == "quadratic":
                 result = (2.0 * result - 1.0) ** 2
         return np.asarray(result)
-
-    def partnered(self) -> Shape:
-        """Return the sine that goes with a cosine, or the reverse."""
-        return replace(self, partner=1 - self.partner)
 
 
 def of_number(driver: str, values: Array) -> list[Shape]:
@@ -95,12 +88,13 @@ def of_stretches(driver: str, values: Array, segments: Index) -> list[Shape]:
     Where a segment begins may also be a step: a zero that jumps cuts a drive as another soil does.
     """
     known = np.isfinite(values)
-    first, last = np.quantile(values[known], _THRESHOLDS[[0, -1]]) if known.any() else (0.0, 0.0)
-    edges = np.quantile(values[known], _THRESHOLDS) if last > first else np.zeros(0)
+    edges = np.quantile(values[known], _THRESHOLDS) if known.any() else np.zeros(1)
+    if not edges[-1] > edges[0]:
+        return []
     pairs = [(low, high) for j, low in enumerate(edges) for high in edges[j + 1 : j + 1 + _LONGEST_STRETCH]]
-    each = [values[known & (segments == one)] for one in np.unique(segments[known])] if last > first else []
+    each = [values[known & (segments == one)] for one in np.unique(segments[known])]
     spans = [(inside.min(), inside.max()) for inside in each]
-    whole = values[known].min(initial=np.inf), values[known].max(initial=-np.inf)
+    whole = values[known].min(), values[known].max()
     steps = [
         values[known & (values < low)].max() for low in sorted({low for low, _ in spans}) if low > whole[0]
     ]

@@ -17,7 +17,7 @@ from terrain_cli.comparison.smoothed_model import SmoothedData
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.wheel_fit import Fit, normal_equations
 from terrain_cli.estimation.wheel_fit.damped_search import damped
-from terrain_cli.estimation.wheel_fit.fit_result import LARGEST_OPEN, at_end
+from terrain_cli.estimation.wheel_fit.fit_result import LARGEST_OPEN, at_end, strengths
 from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, inside, newton
 from terrain_cli.estimation.wheel_fit.posterior import WIDE
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
@@ -81,10 +81,9 @@ def covariance(data: SmoothedData, solution: Solution, prior: float = 1.0) -> tu
 
 def parameters(solution: Solution) -> dict[str, Array]:
     """Return the parameters sought, in their own units, (w,): what is common stands in every window."""
-    windows, sought = len(solution.t), solution.unknowns
-    found = {u.name: u.value(solution.t[:, j]) for j, u in enumerate(sought.local)}
-    common = {u.name: u.value(np.asarray(solution.common[j])) for j, u in enumerate(sought.shared)}
-    return found | {name: np.full(windows, float(value)) for name, value in common.items()}
+    sought = (*solution.unknowns.local, *solution.unknowns.shared)
+    both = zip(sought, (*solution.t.T, *solution.common), strict=True)
+    return {u.name: np.full(len(solution.t), u.value(np.asarray(number))) for u, number in both}
 
 
 def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
@@ -102,14 +101,7 @@ def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
     errors = {name: np.where(empty, np.nan, error[name]) for name in values}
     changed: dict[str, Any] = {}
     if {"cohesion", "tan_phi"} <= values.keys():
-        c, tan = names.index("cohesion"), names.index("tan_phi")
-        sigma = np.maximum(-own[:, c, tan] / own[:, tan, tan], 0.0)
-        variance = own[:, c, c] + 2.0 * sigma * own[:, c, tan] + sigma**2 * own[:, tan, tan]
-        changed = {
-            "sigma_star": np.where(empty, np.nan, sigma),
-            "strength": values["cohesion"] + sigma * values["tan_phi"],
-            "strength_se": np.where(empty, np.nan, np.sqrt(np.maximum(variance, 0.0))),
-        }
+        changed = {n: np.where(empty, np.nan, one) for n, one in strengths(names, own, values).items()}
     return replace(
         fit,
         values=fit.values | values,
@@ -256,7 +248,6 @@ class _State(NamedTuple):
 def _linear(
     model: Model, sought: Unknowns, data: SmoothedData, t: Array, common: Array, guess: Array | None
 ) -> _State:
-    """Return residuals and design."""
     names = [u.name for u in (*sought.local, *sought.shared)]
     numbers = smoothed_model.parameters(sought, t[data.window], common, data.window)
     if guess is None:

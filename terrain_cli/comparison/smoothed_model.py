@@ -270,7 +270,6 @@ def bounded(errors: Array) -> Array:
 
 
 def thinned(data: SmoothedData, rows: Index) -> SmoothedData:
-    """Keep some samples."""
     return replace(
         data,
         inputs={name: column[rows] for name, column in data.inputs.items()},

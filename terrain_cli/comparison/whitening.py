@@ -91,9 +91,8 @@ def of_residuals(
     known = np.isfinite(residuals)
     total = np.where(known, residuals, 0.0) ** 2
     rms = np.sqrt(total.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    deviation = np.array([levels[name] if np.isfinite(levels[name]) else np.inf for name in names])
-    deviation = np.where(np.isfinite(deviation), np.maximum(deviation, criteria.LEAST_NOISE * rms), rms)
-    deviation = _sized(deviation)
+    told = np.array([levels[name] for name in names])
+    deviation = _sized(np.where(np.isfinite(told), np.maximum(told, criteria.LEAST_NOISE * rms), rms))
     correlation = np.eye(len(names))
     change = _changes(residuals, group, max(1, memory))
     for a in range(len(names)):
@@ -150,11 +149,3 @@ def _definite(correlation: Array) -> Array:
     mended = (axes * np.maximum(size, 1.0 - _MOST)) @ axes.T
     root = np.sqrt(np.diag(mended))
     return np.asarray(mended / np.outer(root, root))
-
-
-def known_of(
-    white: Whitening, errors: Mapping[str, Array], use: NDArray[np.bool_]
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Whiten residuals, of which some are not known, to (n, c), and tell which are known."""
-    known = np.stack([np.isfinite(errors[name]) & use for name in white.channels], axis=1)
-    return white({name: np.nan_to_num(column) for name, column in errors.items()}, known), known

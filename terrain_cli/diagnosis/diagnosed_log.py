@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from terrain_cli import models
 from terrain_cli.comparison import Comparison, Finding, blocks, comparison_criteria
 from terrain_cli.comparison.compare import of_fitted, on_few_soils, scale_of
+from terrain_cli.comparison.comparison_outcome import with_refused
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -70,18 +70,10 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     if any(wheel.one_soil for wheel in chosen.wheels):
         hypotheses, alike = screening.on_changing_soil(hypotheses)
         not_testable = [*not_testable, *alike]
-    comparison = replace(
-        comparison,
-        refused=models.refused(
-            case.file,
-            [one.samples.source for one in wheels],
-            sum(len(one.windows.rows) for one in comparison.wheels),
-        ),
-    )
     return DiagnosedLog(
         data=chosen,
         block=own,
-        comparison=comparison,
+        comparison=with_refused(comparison, case.file, wheels),
         hypotheses=hypotheses,
         not_testable=not_testable,
         soils_are_better=instead is not None and not instead.as_good,

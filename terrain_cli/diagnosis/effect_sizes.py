@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from terrain_cli.comparison import distributions, prediction, smoothed_fit
+from terrain_cli.comparison import distributions, smoothed_fit
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, Size
 from terrain_cli.diagnosis.refit_ranking import absent
 from terrain_cli.diagnosis.refits import Ground, Refit
+from terrain_cli.estimation import prediction
 from terrain_cli.models.model_file import SOIL_UNITS
 from terrain_cli.telemetry import unit_doubts
 from terrain_cli.vocabulary.arrays import Array, Index

@@ -1,10 +1,9 @@
 """What is known of a model on some data, whichever verb found it out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Self
 
 from terrain_cli.comparison import Comparison, Finding
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -66,33 +65,23 @@ class Evidence:
     noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
 
     @classmethod
-    def of_comparison(cls, comparison: Comparison, refused: tuple[str, ...] = ()) -> Evidence:
+    def of_comparison(cls, comparison: Comparison, refused: tuple[str, ...] = ()) -> Self:
         """Collect what a comparison tells: its errors, its findings, and the scores of effects."""
         scores = comparison.scores() if comparison.scores else None
         tracked = any(_large(comparison, one) for one in comparison.failures)
         return cls(
+            **_of_both(comparison, refused),
             ratios=over_noise(comparison),
-            effects=tuple(comparison.model["effects"]),
-            blocks=comparison.blocks,
             raised=tracked or (scores is not None and scores.raised),
             tracked=tracked,
-            stretch=comparison.stretch,
             doubted=_doubted(comparison, settled=bool(scores and scores.settles)),
-            refused=tuple(dict.fromkeys((*comparison.refused.names, *refused))),
-            ended=comparison.refused.ended,
             unrecorded=scores.unrecorded if scores else (),
-            points=comparison.points,
-            unsorted=comparison.unsorted,
-            soils=comparison.soil_count,
-            wheels=len(comparison.wheels),
-            changes=tuple(comparison.soil_changes),
-            impossible=comparison.impossible,
             needed=scores is not None and scores.instead is None,
             instead=scores.instead or "" if scores else "",
         )
 
     @classmethod
-    def of_diagnosis(cls, found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:
+    def of_diagnosis(cls, found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Self:
         """Collect what a diagnosis tells."""
         law = found.unknown if found.verdict == "unknown" else None
         # What is doubted explains nothing, unless all that is left is doubted.
@@ -115,13 +104,11 @@ class Evidence:
         # Nor is a drive worth while that only tells what explains it from what does not.
         drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
         return cls(
+            **_of_both(found.comparison, refused),
             ratios=ratios,
-            effects=tuple(found.comparison.model["effects"]),
             noise_with=f"{listed(passed)} as estimated with {first.effect}" if first and passed else "",
-            blocks=found.comparison.blocks,
             raised=found.alarm.raised,
             tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
-            stretch=found.comparison.stretch,
             doubted=_doubted(found.comparison, settled=settled),
             verdict=found.verdict,
             family=family,
@@ -132,19 +119,11 @@ class Evidence:
             together_or=found.together_or,
             law=law.law if law else "",
             draft=draft if law else "",
-            refused=tuple(dict.fromkeys((*found.comparison.refused.names, *refused))),
-            ended=found.comparison.refused.ended,
             unrecorded=found.unrecorded,
             small=found.alarm.size if found.alarm.small else "",
             drive=next((one.manoeuvre for one in drives if one.settings), ""),
             # Of a pair it may be several.
             checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
-            points=found.comparison.points,
-            unsorted=found.comparison.unsorted,
-            soils=found.comparison.soil_count,
-            wheels=len(found.comparison.wheels),
-            changes=tuple(found.comparison.soil_changes),
-            impossible=found.comparison.impossible,
             needed=not fewer,
             fewer=found.soils if hidden else 0,
         )
@@ -179,6 +158,23 @@ class Evidence:
         alone = [*self.above] == ["drawbar pull"]
         alone = alone and all(ratio - 1.0 <= most for ratio in others.values())
         return [*others] if alone else []
+
+
+def _of_both(comparison: Comparison, refused: tuple[str, ...]) -> dict[str, Any]:
+    """Return what a comparison tells, diagnosed or not."""
+    return {
+        "effects": tuple(comparison.model["effects"]),
+        "blocks": comparison.blocks,
+        "stretch": comparison.stretch,
+        "refused": tuple(dict.fromkeys((*comparison.refused.names, *refused))),
+        "ended": comparison.refused.ended,
+        "points": comparison.points,
+        "unsorted": comparison.unsorted,
+        "soils": comparison.soil_count,
+        "wheels": len(comparison.wheels),
+        "changes": tuple(comparison.soil_changes),
+        "impossible": comparison.impossible,
+    }
 
 
 def _doubted(comparison: Comparison, *, settled: bool) -> tuple[str, ...]:

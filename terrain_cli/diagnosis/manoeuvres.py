@@ -1,10 +1,8 @@
 """Short drives in which one or two things vary, starting from the conditions of a log."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -52,7 +50,7 @@ class Conditions:
     radius: float  # Of the wheel in m
 
     @classmethod
-    def of(cls, data: SmoothedData) -> Conditions:
+    def of(cls, data: SmoothedData) -> Self:
         """Return the usual slip, load, speed and sinkage of the data, from which drives are planned."""
         known = {**data.measured, **data.inputs}
         middle = {

@@ -26,8 +26,6 @@ _MOST = 4_000  # Samples that are screened
 
 @dataclass(frozen=True)
 class Tried:
-    """A draft that was fitted."""
-
     draft: Draft
     refit: Refit
     hypothesis: Hypothesis

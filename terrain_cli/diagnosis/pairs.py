@@ -4,7 +4,7 @@ Step by step the first effect added is the one that imitates both best, which ne
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from terrain_cli import effects as catalogues
@@ -61,27 +61,33 @@ def best(
     return sorted(fitted, key=lambda one: float(one[1].loss.sum()))
 
 
-def told(
-    fitted: Sequence[tuple[Hypothesis, Refit]], others: Sequence[Refit], name: str
-) -> tuple[tuple[str, ...], bool, tuple[tuple[str, ...], ...]]:
+@dataclass(frozen=True, kw_only=True)
+class Two:
+    """Two effects that belong together, and all pairs that were fitted, the best first."""
+
+    ids: tuple[str, ...] = ()
+    is_best: bool = False  # They explain more than a name that is clear does with any other, beyond chance
+    rivals: tuple[tuple[str, ...], ...] = ()  # Other pairs that take nearly as much off what one alone leaves
+    fitted: list[tuple[Hypothesis, Refit]] = field(default_factory=list)
+
+
+def two_of(fitted: list[tuple[Hypothesis, Refit]], others: Sequence[Refit], name: str) -> Two:
     """Return two effects that explain more than anything else, if a name that is clear is none of them.
 
     An effect that imitates two others well leaves little, but those two leave less. One that leaves little
-    because it is there, though not in the form of the catalogue or not alone, goes best with another. The
-    second value: they explain more than the name does with any other, beyond chance. The third: the other
-    pairs that take nearly as much off what one alone leaves.
+    because it is there, though not in the form of the catalogue or not alone, goes best with another.
     """
     if not fitted or name in _ids(fitted[0][0]):
-        return (), False, ()
+        return Two(fitted=fitted)
     pair, refit = fitted[0]
     if not all(refit_ranking.beats(refit, one) for one in others):
-        return (), False, ()
+        return Two(fitted=fitted)
     is_best = all(refit_ranking.beats(refit, one) for other, one in fitted if name in _ids(other))
     # A law is never quite that of the catalogue: what is nearly as good may be the truth.
     gained = min(float((one.loss - refit.loss).sum()) for one in others)
     near = [(other, float((one.loss - refit.loss).sum())) for other, one in fitted[1:]]
     rivals = tuple(_ids(other) for other, left in near if left < criteria.SMALL_REST * gained)
-    return _ids(pair), is_best, rivals
+    return Two(ids=_ids(pair), is_best=is_best, rivals=rivals, fitted=fitted)
 
 
 def _ids(pair: Hypothesis) -> tuple[str, ...]:
@@ -105,7 +111,9 @@ def on_full_stresses(
         if one.effects
     ]
     tried = processes.each(
-        partial(_after, data, base), several, lambda one: progress(f"fitting with {base.id} and {one.id}")
+        partial(refits.refit, data, after=[base]),
+        several,
+        lambda one: progress(f"fitting with {base.id} and {one.id}"),
     )
     good = [pair for pair in zip(several, tried, strict=True) if not refit_ranking.imitates(data, *pair)]
     if not good:
@@ -115,10 +123,6 @@ def on_full_stresses(
     return sorted(
         good, key=lambda pair: (not refit_ranking.as_good(pair[1], best), pair[1].at_bound(pair[0]))
     )
-
-
-def _after(data: Ground, base: Refit, one: Hypothesis) -> Refit:
-    return refits.refit(data, one, after=[base])
 
 
 def _both(data: Ground, first: Hypothesis, second: Hypothesis) -> Hypothesis | None:

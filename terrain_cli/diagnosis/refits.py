@@ -54,7 +54,6 @@ class Ground:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
         return 1 + max(int(one.max(initial=-1)) for one in self.block)
 
 
@@ -156,7 +155,7 @@ def _noise(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> whiten
         for name, variance in zip(least.channels, np.diag(least.covariance), strict=True):
             levels[name] = float(np.fmax(levels[name], np.sqrt(variance)))
     else:
-        levels = {name: level.deviation for name, level in wheel.noise.items()}
+        levels = wheel.levels
     return whitening.of_residuals(errors, levels, wheel.record.group, wheel.memory)
 
 
@@ -348,10 +347,6 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     return errors, found
 
 
-#: What a wheel computes once from its parameters.
-_COMPUTED = ("read", "measured", "predicted", "residuals", "noise")
-
-
 def on_wheels(data: Ground, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
     """Return the wheels with what a refit of a hypothesis found, and with parameters that it held."""
     found = []
@@ -361,8 +356,7 @@ def on_wheels(data: Ground, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
             found.append(fitted_anew(wheel, one))
             continue
         solved = copy.copy(wheel)
-        for name in _COMPUTED:
-            solved.__dict__.pop(name, None)
+        solved.forget()
         solved.model = solution.model
         solved.seek(solution.unknowns)
         held = {name: np.full(len(wheel.windows), value) for name, value in one.fixed.items()}

@@ -240,7 +240,7 @@ class _Columns:
         self.rows = rows = np.arange(0, len(wheel), step)
         self.under = wheel.under
         known = signatures.evidence(wheel, rows)
-        self.noise_known = all(np.isfinite(level.deviation) for level in wheel.noise.values())
+        self.noise_known = bool(np.isfinite([*wheel.levels.values()]).all())
         names = known.white.channels
         self.evidence = known
         effects = [effect for one in hypotheses for effect in one.effects]

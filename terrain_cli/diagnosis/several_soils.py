@@ -25,7 +25,7 @@ from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.arrays import Array, Index
-from terrain_cli.vocabulary.quantities import counted, listed, the_wheel
+from terrain_cli.vocabulary.quantities import counted, listed
 from terrain_cli.windows.cut_windows import Windows
 
 MOST_SAMPLES = 3_000  # Samples of all wheels that are fitted
@@ -239,5 +239,4 @@ def _cut(wheel: FittedWheel, sample: int) -> FittedWheel:
 
 def _where(wheel: FittedWheel, sample: int) -> str:
     samples = wheel.windows.samples
-    place = place_of(samples, int(wheel.windows.rows[sample]))
-    return f"{samples.source}: {the_wheel(samples.wheel)}: the soil changes at {place}"
+    return f"{samples}: the soil changes at {place_of(samples, int(wheel.windows.rows[sample]))}"

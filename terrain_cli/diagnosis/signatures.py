@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from terrain_cli.comparison import comparison_criteria, whitening
 from terrain_cli.comparison.blocks import DRAWS, joined, long_enough, max_test
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.smoothed_channels import inputs_known
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.effects import Effect
+from terrain_cli.estimation.prediction import derivatives
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -60,10 +60,10 @@ class SignatureEvidence(NamedTuple):
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
     channels = wheel.smoothed(wheel.gaps, rows, remembering=True)
-    levels = {name: level.deviation for name, level in wheel.noise.items()}
-    white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
+    white = whitening.of_residuals(wheel.residuals, wheel.levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
-    residual, known = whitening.known_of(white, errors, inputs_known(channels))
+    known = np.stack([np.isfinite(error) & inputs_known(channels) for error in errors.values()], axis=1)
+    residual = white({name: np.nan_to_num(error) for name, error in errors.items()}, known)
     found = SignatureEvidence(channels, white, residual, known, np.zeros(0))
     names = (*wheel.soil, *wheel.common)
     return found._replace(soil=found.whitened(wheel.free_slopes(channels, rows), len(names)))

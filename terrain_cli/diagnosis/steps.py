@@ -34,6 +34,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     over_noise,
     share_taken,
 )
+from terrain_cli.diagnosis.pairs import Two
 from terrain_cli.diagnosis.refits import Ground, Refit
 from terrain_cli.diagnosis.verdict import Decision
 
@@ -90,7 +91,6 @@ class Family:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Their ids."""
         return tuple(one.id for one, _ in self.members)
 
     @property
@@ -102,16 +102,6 @@ class Family:
     def name(self) -> str:
         """The best one where it is clear, else nothing."""
         return self.ids[0] if self.clear else ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Two:
-    """Two effects that belong together, and all pairs that were fitted, the best first."""
-
-    ids: tuple[str, ...] = ()
-    is_best: bool = False
-    rivals: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
-    fitted: list[Fitted] = field(default_factory=list)
 
 
 def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
@@ -285,8 +275,7 @@ def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:
         return Two()
     fitted = pairs.best(ranked.data, ranked.log, ranked.several, case.progress, found.name)
     others = [ranked.best, *(one.refit for one in ranked.drafts[:1])]
-    ids, is_best, rivals = pairs.told(fitted, others, found.name)
-    return Two(ids=ids, is_best=is_best, rivals=rivals, fitted=fitted)
+    return pairs.two_of(fitted, others, found.name)
 
 
 def on_full_stresses(case: Case, ranked: Ranked, two: Two) -> list[Fitted]:

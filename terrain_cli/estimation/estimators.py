@@ -1,19 +1,17 @@
 """The estimator that goes with a model, and the fit of a whole model to the windows of a wheel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from terrain_cli import estimation, models, processes
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import WindowEstimates, fit_account, predicted_past, wheel_fit
+from terrain_cli.estimation import WindowEstimates, fit_account, prediction, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.further_unknowns import suspects, with_calibrations, with_contact, with_rivals
@@ -28,7 +26,6 @@ from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.wheel_samples import Geometry
 from terrain_cli.vocabulary.arrays import Array, Bounds
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LineMethod, Method
-from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors below 1 %.
@@ -164,7 +161,7 @@ def estimate(
 
     def past_of(found: Fit) -> dict[str, Any]:
         every = {**with_rivals(with_contact(own), whole, rivals)[1], **_channels(whole)}
-        return predicted_past.of_fit(whole, windows, every, found, held)
+        return prediction.past_of_fit(whole, windows, every, found, held)
 
     fit = behind(lambda late, near: run({**channels, **late}, near=near), past_of, channels, held)
     if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
@@ -211,35 +208,28 @@ class FitSettings:
     noise: Noise | None  # Of the sensors; learnt from the data if not given
 
     @classmethod
-    def of(cls, wheels: Sequence[Windows], file: ModelFile) -> FitSettings:
-        """Return what a model file and rover.toml say of some wheels of one rover."""
-        held, priors, noise = assumed(wheels, file)
-        return cls(held, priors, [name for name in file.shared if name not in held], noise)
+    def of(cls, wheels: Sequence[Windows], file: ModelFile) -> Self:
+        """Return what a model file and rover.toml say of some wheels of one rover.
 
-
-def assumed(
-    several: Sequence[Windows], file: ModelFile
-) -> tuple[dict[str, float], dict[str, Prior], Noise | None]:
-    """Return what a fit takes for known before it has seen the data of some wheels of one rover.
-
-    The parameters that are not sought (of the file, and those whose channels a wheel lacks), the priors, and
-    the noise of the sensors, if rover.toml gives it for every channel that the fit weighs.
-    """
-    every: list[dict[str, Array]] = []
-    measured: set[str] = set()
-    for windows in several:
-        samples, rows = windows.samples, windows.rows
-        there = {
-            name: column[rows]
-            for name, column in {**samples.drivers, **samples.channels}.items()
-            if np.isfinite(column[rows]).any()
-        }
-        every.append(there)
-        measured |= there.keys() & set(NOISY)
-    samples = several[0].samples
-    given = {name: noise for name, noise in samples.noise.items() if name in measured and noise.known}
-    held, _ = _held(samples.geometry, file, every)
-    return held, _priors(samples, file), _noise(given) if given.keys() == measured else None
+        Held are the parameters of the file, and those whose channels a wheel lacks. The noise is known if
+        rover.toml gives it for every channel that the fit weighs.
+        """
+        every: list[dict[str, Array]] = []
+        measured: set[str] = set()
+        for windows in wheels:
+            samples, rows = windows.samples, windows.rows
+            there = {
+                name: column[rows]
+                for name, column in {**samples.drivers, **samples.channels}.items()
+                if np.isfinite(column[rows]).any()
+            }
+            every.append(there)
+            measured |= there.keys() & set(NOISY)
+        samples = wheels[0].samples
+        given = {name: noise for name, noise in samples.noise.items() if name in measured and noise.known}
+        held, _ = _held(samples.geometry, file, every)
+        shared = [name for name in file.shared if name not in held]
+        return cls(held, _priors(samples, file), shared, _noise(given) if given.keys() == measured else None)
 
 
 def _priors(samples: Samples, file: ModelFile) -> dict[str, Prior]:
@@ -312,7 +302,7 @@ def _fit(
         # What is not known of the sensors is learnt first, with all of them unknown.
         return run(_noise(given, fit.noise), joint) if given else fit
     except InputError as error:
-        raise InputError(f"{samples.source}: {the_wheel(samples.wheel)}: {error}", hint=error.hint) from None
+        raise InputError(f"{samples}: {error}", hint=error.hint) from None
 
 
 def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:

@@ -123,12 +123,7 @@ def grid(
         log_density = _centred(frame, found, u, v)
         if not left:
             break
-        edge = np.array(
-            [
-                [log_density[0].max(), log_density[-1].max()],
-                [log_density[:, 0].max(), log_density[:, -1].max()],
-            ]
-        )
+        edge = np.array([log_density.max(axis=1)[[0, -1]], log_density.max(axis=0)[[0, -1]]])
         heavy = edge > np.log(_EDGE)
         heavy[0] &= np.abs(reach[0] - ends) > 0.0
         if not heavy.any():

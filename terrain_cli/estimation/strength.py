@@ -8,7 +8,7 @@ import numpy as np
 from terrain_cli.estimation.line.pooled import PooledEstimate
 from terrain_cli.estimation.line.window_estimates import WindowEstimates
 from terrain_cli.telemetry import Samples
-from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
@@ -21,6 +21,13 @@ def mean_stress(load: Array, sinkage: Array, radius: float, width: float) -> Arr
     share = np.clip(sinkage / radius, 0.0, 1.0)
     length = radius * np.sqrt(share * (2.0 - share))
     return np.divide(load, width * length, out=np.full_like(length, np.nan), where=length > 0.0)
+
+
+def _stresses(samples: Samples, rows: Index) -> Array:
+    # A comparison does without a channel that the model predicts.
+    unknown = np.full(len(samples), np.nan)
+    load, sinkage = (samples.channels.get(name, unknown)[rows] for name in ("load", "sinkage"))
+    return mean_stress(load, sinkage, samples.geometry.radius, samples.geometry.width)
 
 
 def typical_stress(stress: Array) -> float:
@@ -36,11 +43,7 @@ def with_strengths(
     estimates: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
     """Return estimates with σ* within each window's stresses, and strengths at one stress in Pa."""
-    geometry, measured = windows.samples.geometry.wheel, windows.samples.channels
-    # A comparison does without a channel that the model predicts.
-    unknown = np.full(len(windows.samples), np.nan)
-    load, sinkage = (measured.get(name, unknown)[windows.rows] for name in ("load", "sinkage"))
-    stress = mean_stress(load, sinkage, geometry.radius, geometry.width)
+    stress = _stresses(windows.samples, windows.rows)
     filled = np.diff(windows.bounds) > 0
     low, high = np.full((2, len(windows)), np.nan)
     if filled.any():
@@ -63,9 +66,7 @@ def with_strengths(
 
 def stress_range(samples: Samples) -> tuple[float, float]:
     """Return the least and the greatest mean stress, Pa, of usable samples; NaN where none is known."""
-    unknown = np.full(len(samples), np.nan)
-    load, sinkage = (samples.channels.get(name, unknown)[samples.usable] for name in ("load", "sinkage"))
-    stress = mean_stress(load, sinkage, samples.geometry.radius, samples.geometry.width)
+    stress = _stresses(samples, samples.usable)
     known = stress[np.isfinite(stress)]
     return (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
 

@@ -1,18 +1,16 @@
 """Models on the same windows and blocks: before and after a change, and those to choose from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from terrain_cli import models
 from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
 from terrain_cli.comparison.compare import needed_segments, of_fitted, on_few_soils
-from terrain_cli.comparison.comparison_outcome import Soils, WheelComparison
+from terrain_cli.comparison.comparison_outcome import Soils, WheelComparison, with_refused
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.two_models import between_soils, paired_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
@@ -24,12 +22,11 @@ from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.mechanics.effect import Parameter
 from terrain_cli.models import ModelFile
-from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.quantities import listed
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.cut_windows import Windows
-from terrain_cli.windows.joined_inputs import with_inputs
+from terrain_cli.windows.joined_inputs import which_wheel, with_inputs
 
 Place = tuple[str, str, int]  # Source, wheel and number of a segment
 
@@ -44,7 +41,7 @@ class _OnSoils(NamedTuple):
     told: Sequence[str]  # What has to be said about it
 
     @classmethod
-    def of(cls, wheels: Sequence[Windows], file: ModelFile, progress: Callable[[str], None]) -> _OnSoils:
+    def of(cls, wheels: Sequence[Windows], file: ModelFile, progress: Callable[[str], None]) -> Self:
         settings = FitSettings.of(wheels, file)
         missing = alarm.missing_effects(file)
         further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
@@ -52,7 +49,7 @@ class _OnSoils(NamedTuple):
         several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
         return cls(wheels, file, missing, several, told)
 
-    def on_needed(self, **options: Any) -> tuple[_OnSoils, Comparison]:
+    def on_needed(self, **options: Any) -> tuple[Self, Comparison]:
         """Compare it on the soils that it needs, which may be more; options are those of `compared`."""
         found = self.compared(**options)
         fitted, steps, _ = several_soils.on_more(found, self.fitted, self.file, self.missing)
@@ -66,13 +63,8 @@ class _OnSoils(NamedTuple):
         wheels, file, missing, fitted, told = self
         found = of_fitted(fitted, seed=seed, warnings=told, **options)
         return replace(
-            found,
+            with_refused(found, file, wheels),
             soils=soils or EstimateRequest(wheels=wheels, file=file, needed=needed_segments),
-            refused=models.refused(
-                file,
-                [one.samples.source for one in wheels],
-                sum(len(one.windows.rows) for one in found.wheels),
-            ),
             scores=cache(partial(alarm.score, found, fitted, file, missing, seed)),
         )
 
@@ -206,17 +198,13 @@ def _places(parts: Sequence[Windows], wheels: Sequence[Windows]) -> list[Place]:
     """Return where each segment of joined inputs begins: input, wheel, and its number there."""
     places: list[Place] = []
     for wheel in wheels:
-        own = [one for one in parts if _kind(one.samples) == _kind(wheel.samples)]
+        own = [one for one in parts if which_wheel(one.samples) == which_wheel(wheel.samples)]
         firsts = np.concatenate([[0], np.cumsum([len(one.rows) for one in own])])
         for start in wheel.bounds[:-1]:
             part = int(np.searchsorted(firsts, start, side="right")) - 1
             segment = int(np.searchsorted(own[part].bounds, start - firsts[part], side="right"))
             places.append((own[part].samples.source, wheel.samples.wheel, segment))
     return places
-
-
-def _kind(samples: Samples) -> tuple[object, ...]:
-    return samples.wheel, samples.geometry, samples.time is None
 
 
 def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:

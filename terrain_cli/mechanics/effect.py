@@ -1,11 +1,9 @@
 """What an effect is: its parameters, what is known of them beforehand, and its laws."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 #: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
 #: force on the wheel, or what a sensor shows of it.
@@ -62,7 +60,7 @@ class Prior:
     sd: float
 
     @classmethod
-    def factor(cls, median: float, factor: float) -> Prior:
+    def factor(cls, median: float, factor: float) -> Self:
         """Return the log-normal prior "`median`, within a factor of `factor`" (one standard deviation)."""
         import numpy as np
 
@@ -144,7 +142,7 @@ class Parameter:
     absolute: bool = False
     held: str = ""
 
-    def under(self, load: float, radius: float) -> Parameter:
+    def under(self, load: float, radius: float) -> Self:
         """Return the parameter with the scale and bounds that it has under a load, N, on a radius, m.
 
         They are told for the wheel of the paper. Under one with more load or a larger radius they grow; under
@@ -157,7 +155,7 @@ class Parameter:
         return self if larger == 1.0 else replace(self, scale=larger * self.scale, lower=low, upper=high)
 
     @property
-    def anywhere(self) -> Parameter:
+    def anywhere(self) -> Self:
         """The parameter as it may be under some wheel."""
         return self.under(*_LARGEST_WHEEL)
 
@@ -308,7 +306,7 @@ class Effect:
         return tuple(name for name in every if not (self.remembers and name in self.laws))
 
     @property
-    def forms(self) -> tuple[Effect, ...]:
+    def forms(self) -> tuple[Self, ...]:
         """The effect, and the same with its laws as others write them."""
         return (self, *(replace(self, laws=laws, others=()) for laws in self.others))
 

@@ -76,7 +76,6 @@ def _parted(q: Mapping[str, Any], bends: Sequence[Any], order: int) -> tuple[Arr
 
 
 def _total(x: Any) -> Any:
-    """Sum over the nodes."""
     result = value(x).sum(axis=0)
     if value(x) is x:
         return result

@@ -1,13 +1,11 @@
 """The wheel–soil model with its effects: load, torque, drawbar pull and sinkage predicted for a soil."""
 
-from __future__ import annotations
-
 from collections import ChainMap
 from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,8 +42,6 @@ _BLOCK = 32_000
 
 
 class WheelGeometry(NamedTuple):
-    """Constants of one wheel."""
-
     # radius, width: r and b in m
     radius: float
     width: float
@@ -126,7 +122,6 @@ class Model:
         return [(one.id, p.name) for one in changing for p in one.parameters if p.along == "sinkage"]
 
     def changes(self, quantity: str) -> bool:
-        """Whether an effect changes a quantity."""
         return quantity in self.changing
 
 
@@ -372,7 +367,7 @@ class _Block:
             root = dual.implicit(true, here - load)
         return np.where(found, root, np.full(self.shape, np.nan))
 
-    def without_derivatives(self) -> _Block:
+    def without_derivatives(self) -> Self:
         """Return the same samples, with parameters that are plain numbers."""
         plain = copy(self)
         plain.soil = {name: value(number) for name, number in self.soil.items()}

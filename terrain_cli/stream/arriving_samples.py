@@ -4,31 +4,28 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formats import LOG_TIME
+from formats import LOG_TIME, Batch, Column, Labels, Source
+from formats.text.arriving_rows import ArrivingRows
 from terrain_cli import telemetry
+from terrain_cli.effects import Effect
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import alignment, own_clocks, raw_channels, raw_columns
+from terrain_cli.rover import Rover
+from terrain_cli.run.settings import Settings
+from terrain_cli.telemetry import Samples, alignment, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.long_logs import joined
+from terrain_cli.telemetry.raw_channels import TopicClocks
 from terrain_cli.telemetry.usable_samples import BACKWARDS, is_aside
+from terrain_cli.vocabulary.arrays import Array
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from formats import Batch, Column, Labels, Source
     from formats.rosbag.arriving_bag import ArrivingBag
-    from formats.text.arriving_rows import ArrivingRows
-    from terrain_cli.effects import Effect
-    from terrain_cli.rover import Rover
-    from terrain_cli.run.settings import Settings
-    from terrain_cli.telemetry import Samples
-    from terrain_cli.telemetry.raw_channels import TopicClocks
-    from terrain_cli.vocabulary.arrays import Array
 
-    Effects = tuple[Effect, ...] | None  # Of the full model; None for the line
+Effects = tuple[Effect, ...] | None  # Of the full model; None for the line
 #: Samples of a wheel that are looked at again with the next ones: they tell its usual rate, what is late, and
 #: what is a gap. Judged: enough for the median of the steps.
 BEFORE = 256

@@ -6,34 +6,32 @@ import math
 import shlex
 import time
 from collections import Counter
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from formats.byte_sources import ArrivingBytes
 from formats.content import BAGS, HEAD_BYTES, content
 from formats.text.arriving_rows import ArrivingRows
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.presentation import segment_table
+from terrain_cli.presentation.segment_table import Table
+from terrain_cli.rover import Rover
 from terrain_cli.run.one_log import nothing_usable
+from terrain_cli.run.settings import Settings
 from terrain_cli.stream import followed_wheel
-from terrain_cli.stream.arriving_samples import MessageSamples, RowSamples
+from terrain_cli.stream.arriving_samples import ArrivingSamples, MessageSamples, RowSamples
+from terrain_cli.stream.followed_wheel import FollowedWheel
+from terrain_cli.stream.model_watch import ModelMiss
+from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.usable_samples import BACKWARDS
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import the_wheel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from formats.byte_sources import ArrivingBytes
     from formats.rosbag.arriving_bag import ArrivingBag
-    from terrain_cli.presentation.segment_table import Table
-    from terrain_cli.rover import Rover
-    from terrain_cli.run.settings import Settings
-    from terrain_cli.stream.arriving_samples import ArrivingSamples
-    from terrain_cli.stream.followed_wheel import FollowedWheel
-    from terrain_cli.stream.model_watch import ModelMiss
-    from terrain_cli.telemetry import Samples
 
 #: Seconds in which more rows may come before the columns are told from those that are there, and in which a
 #: topic may begin of which something is needed. Judged: as `arriving_bag` has it of log time.
@@ -127,7 +125,7 @@ class Follow:
             wheel = self._wheels.get(part.wheel)
             if wheel is None:
                 given = self._settings, self._file, self._stress
-                wheel = followed_wheel.FollowedWheel(*given, again=self._again)
+                wheel = FollowedWheel(*given, again=self._again)
                 self._wheels[part.wheel] = wheel
             self._fresh.add(part.wheel)
             for row in wheel.take(part):

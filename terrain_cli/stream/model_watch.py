@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli.comparison import prediction
 from terrain_cli.errors import InputError
-from terrain_cli.estimation import estimators, predicted_past, wheel_fit
+from terrain_cli.estimation import prediction, wheel_fit
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit.late_channels import behind
 from terrain_cli.mechanics import past
 from terrain_cli.models import ModelFile
@@ -118,17 +118,17 @@ class SegmentWatch:
     def __init__(self, file: ModelFile, first: Samples) -> None:
         """Fit the model to the first samples; InputError where it cannot be."""
         windows = cut_windows.cut(first, "none")
-        held, priors, noise = estimators.assumed([windows], file)
+        settings = FitSettings.of([windows], file)
         self._model, self._wheel = file.model, first.geometry.wheel
         channels = _channels(first)
-        told: dict[str, Any] = {"fixed": held, "priors": priors, "noise": noise}
+        held = settings.fixed
 
         def fitted(late: Mapping[str, Any], near: wheel_fit.Fit | None) -> wheel_fit.Fit:
             given = file.model, self._wheel, {**channels, **late}, windows.bounds
-            return wheel_fit.fit(*given, **told, near=near)
+            return wheel_fit.fit(*given, fixed=held, priors=settings.priors, noise=settings.noise, near=near)
 
         def past_of(found: wheel_fit.Fit) -> dict[str, Any]:
-            return predicted_past.of_fit(windows, windows, channels, found, held)
+            return prediction.past_of_fit(windows, windows, channels, found, held)
 
         fit = behind(fitted, past_of, channels, held)
         self._values = {name: float(column[0]) for name, column in fit.of_windows(held).items()}

@@ -3,13 +3,11 @@
 Names may mean one wheel: ``front-left``, ``/front_left/load`` and ``FrontLeftWheelJoint``.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -20,6 +18,7 @@ from terrain_cli.rover import SensorNoise
 from terrain_cli.telemetry.raw_columns import take
 from terrain_cli.vocabulary.arrays import Array, Index, Mask
 from terrain_cli.vocabulary.choices import K_FACTOR
+from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY, Unit
 
 #: Whose samples the other channels are brought to: the first of these that is there.
@@ -249,11 +248,14 @@ class Samples:
     def __len__(self) -> int:
         return len(self.set_aside)
 
+    def __str__(self) -> str:
+        return f"{self.source}: {the_wheel(self.wheel)}"
+
     @property
     def usable(self) -> Index:
         return np.flatnonzero(self.set_aside.codes < 0)
 
-    def taken(self, rows: Index | Mask | slice) -> Samples:
+    def taken(self, rows: Index | Mask | slice) -> Self:
         own = {name: getattr(self, name) for name in COLUMNS}
         columns: dict[str, Any] = {name: take(one, rows) for name, one in own.items() if one is not None}
         for name in TABLES:

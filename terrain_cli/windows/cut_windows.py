@@ -1,11 +1,9 @@
 """Windows of homogeneous terrain: which usable samples belong together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +15,6 @@ from terrain_cli.telemetry.usable_samples import on_ground
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
-from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.change_points import (
     Breaks,
     Means,
@@ -50,8 +47,6 @@ MOST = 2_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Windows:
-    """The windows of one wheel."""
-
     samples: Samples
     rows: Index  # Shape (n,): the usable samples, as indices into `samples`
     bounds: Index  # Shape (windows + 1,): window j is ``rows[bounds[j]:bounds[j + 1]]``
@@ -83,7 +78,7 @@ class Windows:
         """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
         return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
 
-    def thinned(self, most: int) -> Windows:
+    def thinned(self, most: int) -> Self:
         """Return the same windows with no more samples of each than some number, evenly spread."""
         count = np.diff(self.bounds)
         if not np.any(count > most):
@@ -93,13 +88,13 @@ class Windows:
         chosen = np.flatnonzero(place % np.repeat(step, count) == 0)
         return self.taken(chosen, np.searchsorted(chosen, self.bounds))
 
-    def groups(self, most: int) -> Iterator[Windows]:
+    def groups(self, most: int) -> Iterator[Self]:
         """Yield runs of whole windows with so many samples together, or one window each."""
         for first, last in runs(self.bounds, most):
             bounds = self.bounds[first : last + 1]
             yield self.taken(slice(bounds[0], bounds[-1]), bounds - bounds[0])
 
-    def on_line(self) -> Windows:
+    def on_line(self) -> Self:
         """Return the same windows without the samples of a skidding wheel."""
         driving = self.driving
         if driving.all():
@@ -107,7 +102,7 @@ class Windows:
         before = np.concatenate([[0], np.cumsum(driving)])
         return self.taken(driving, before[self.bounds])
 
-    def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Windows:
+    def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Self:
         """Return windows of some of the usable samples, with bounds among these."""
         return replace(self, rows=self.rows[chosen], bounds=bounds, x=self.x[chosen], y=self.y[chosen])
 
@@ -214,7 +209,7 @@ def cut(
     if method == "terrain":
         if labels is None:
             raise InputError(
-                f"{samples.source}: {the_wheel(samples.wheel)}: there is no terrain label to cut by",
+                f"{samples}: there is no terrain label to cut by",
                 hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
             )
         bounds = label_windows(labels.codes[rows], breaks=breaks)
@@ -226,8 +221,7 @@ def cut(
             )
         if window_distance is not None and distance is None:
             raise InputError(
-                f"{samples.source}: {the_wheel(samples.wheel)}: nothing gives the distance "
-                "(velocity, or x and y)",
+                f"{samples}: nothing gives the distance (velocity, or x and y)",
                 hint="use --window-samples N",
             )
         bounds = fixed_windows(

@@ -10,7 +10,6 @@ from terrain_cli.effects import Effect
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import Samples, effect_inputs, usable_samples
 from terrain_cli.telemetry.long_logs import joined
-from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
 _PAUSE = 1000.0  # s between the end of an input and the start of the next
@@ -22,11 +21,10 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
     new = [effect for effect in effects if not samples.drivers.keys() >= {*effect.reads}]
     if not new:
         return windows
-    place = f"{samples.source}: {the_wheel(samples.wheel)}"
     lacks = effect_inputs.not_read(samples, new)
     if lacks:
         raise InputError(
-            f"{place}: {'; '.join(dict.fromkeys(lack.because for lack in lacks))}",
+            f"{samples}: {'; '.join(dict.fromkeys(lack.because for lack in lacks))}",
             hint="terrain-est inspect shows what each channel is read from",
         )
     found = effect_inputs.of_samples(samples, new)
@@ -36,7 +34,7 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
     kept = reasons.codes[windows.rows] < 0
     needed = {name for effect in new for name in effect.needs if effect_inputs.sources(name)}
     if not kept.any() or not found.keys() >= needed:
-        raise InputError(f"{place}: no sample has all that {', '.join(e.id for e in new)} needs")
+        raise InputError(f"{samples}: no sample has all that {', '.join(e.id for e in new)} needs")
     before = np.concatenate([[0], np.cumsum(kept)])
     known = replace(samples, drivers={**samples.drivers, **found}, set_aside=reasons)
     # A window of which nothing is left is none.
@@ -48,11 +46,15 @@ def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list
     effects = list(effects)
     parts: dict[tuple[object, ...], list[Windows]] = {}
     for known in with_inputs(several, effects):
-        samples = known.samples
-        parts.setdefault((samples.wheel, samples.geometry, samples.time is None), []).append(known)
+        parts.setdefault(which_wheel(known.samples), []).append(known)
     # Where the grousers stood as each input began shows only in all of them.
     turning = [effect for effect in effects if effect_inputs.ANGLE in effect.reads]
     return [_joined(some, turning) if len(some) > 1 else some[0] for some in parts.values()]
+
+
+def which_wheel(samples: Samples) -> tuple[object, ...]:
+    """Return what tells wheels apart, and tables of test points from drives."""
+    return samples.wheel, samples.geometry, samples.time is None
 
 
 def with_inputs(several: Sequence[Windows], effects: Sequence[Effect]) -> list[Windows]:

@@ -39,8 +39,6 @@ LONGEST_GAP = 300.0
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """A localisation table."""
-
     path: str
     #: longitude and latitude in deg, x and y in m: one of the pairs, or both; shape (n,).
     position: dict[str, Array]

@@ -3,8 +3,6 @@
 Steps 5 and 6 of `change_points`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -164,9 +164,9 @@ def test_a_soil_below_nought_is_noted_where_there_are_blocks_enough():
         windows=[0, 1],
         measured={"torque": np.zeros(100)},
     )
-    (told,) = comparing._impossible_soils([wheel], [np.arange(100) // 10])
-    assert told.value == "a cohesion of -5 kPa"
-    assert told.note.startswith("wong-reece gives a cohesion of -5 kPa in 1 of 2 soils")
+    ((value, note),) = comparing._impossible_soils([wheel], [np.arange(100) // 10])
+    assert value == "a cohesion of -5 kPa"
+    assert note.startswith("wong-reece gives a cohesion of -5 kPa in 1 of 2 soils")
 
 
 def test_two_models_are_compared_on_the_same_blocks(clean):

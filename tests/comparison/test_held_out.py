@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from known_misfits import Kind, windows_of
 
-from terrain_cli.comparison import held_out, prediction
+from terrain_cli.comparison import held_out
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.effects import catalogue
+from terrain_cli.estimation import prediction
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.mechanics.effect import Effect, Parameter

@@ -104,8 +104,8 @@ def test_what_a_large_effect_leaves_to_first_order_is_no_soil_that_varies(seed):
 )
 def test_what_lowers_no_printed_error_has_no_size(monkeypatch, after, shares):
     measured = {"torque": np.full(9, 5.0), "sinkage": np.full(9, 0.02)}
-    noise = {"torque": SimpleNamespace(deviation=0.5), "sinkage": SimpleNamespace(deviation=0.001)}
-    wheel = SimpleNamespace(measured=measured, residuals=measured, noise=noise)
+    levels = {"torque": 0.5, "sinkage": 0.001}
+    wheel = SimpleNamespace(measured=measured, residuals=measured, levels=levels)
     errors = {id(wheel): {"torque": 0.5, "sinkage": 0.001}}
     monkeypatch.setattr(refits, "held_out_errors", lambda some, *_: errors.get(id(some[0]), after))
     assert printed_shares([wheel], [SimpleNamespace()], []) == pytest.approx(shares)

@@ -27,7 +27,6 @@ from terrain_cli.diagnosis import (
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.diagnosis.next_drive import suggest
 from terrain_cli.effects import catalogue
-from terrain_cli.estimation import estimators
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.wheel_model import Model
@@ -94,8 +93,7 @@ def fitted(several, names):
     effects = [OWN.get(name) or catalogue()[name] for name in names]
     file = ModelFile(model=Model("wong-reece"))
     joined = joined_inputs.by_wheel(several, effects)
-    held, priors, noise = estimators.assumed(joined, file)
-    settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
+    settings = FitSettings.of(joined, file)
     further = tuple(dict.fromkeys(name for effect in effects for name in effect.reads))
     wheels, _ = fit_wheels(joined, file.model, settings, further=further)
     wheels, _ = held_out.join_segments(wheels)

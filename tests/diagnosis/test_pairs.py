@@ -83,11 +83,12 @@ def test_a_pair_replaces_a_name_that_is_none_of_it(pair_loss, with_name, name, t
         fitted(with_name, 2, *OTHER),
     ]
     several.sort(key=lambda one: one[1].loss.sum())
-    assert pairs.told(several, [fitted(1000.0, 3)[1]], name) == told
+    two = pairs.two_of(several, [fitted(1000.0, 3)[1]], name)
+    assert (two.ids, two.is_best, two.rivals) == told
 
 
 def test_without_a_pair_nothing_is_told():
-    assert pairs.told([], [], "") == ((), False, ())
+    assert pairs.two_of([], [], "") == pairs.Two()
 
 
 @pytest.mark.parametrize(

@@ -188,12 +188,9 @@ _COMMON = {PLAIN: "a plain number"} | {
 _SHOWN = 40  # Characters of a term that an error shows
 
 
-def infer(node: Node, text: str, known: Mapping[str, Dimension]) -> Dimension | None:
-    """Find what a part of a law measures; None for a bare 0, which fits any. LawError tells the place."""
-    return _Inference(text, known).of(node)
+class Inference:
+    """Finds what parts of a law measure; None for a bare 0, which fits any. LawError tells the place."""
 
-
-class _Inference:
     def __init__(self, text: str, known: Mapping[str, Dimension]) -> None:
         self.text, self.known = text, known
 

@@ -199,7 +199,7 @@ class _Reader:
             if place.id not in known:
                 problem, advice = law_names.unreadable(place.id, quantity, known, self.needs)
                 raise LawError(problem, law.text, *expression.span(place), advice)
-        gives, wanted = dimensions.infer(law.tree, law.text, known), known[quantity]
+        gives, wanted = dimensions.Inference(law.text, known).of(law.tree), known[quantity]
         if gives not in (None, wanted):
             problem = f"the law gives {gives}, and {quantity} is {wanted}"
             raise LawError(problem, law.text, *expression.span(law.tree))

@@ -16,8 +16,6 @@ CONSTANTS = {"pi": math.pi}
 
 
 class Function(NamedTuple):
-    """A function of the language."""
-
     evaluate: Callable[..., Any]  # Of arrays, or numbers with derivatives
     # least, most: arguments
     least: int = 1

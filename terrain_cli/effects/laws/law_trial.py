@@ -20,8 +20,6 @@ _WHOLE = frozenset({"pass_number", "grouser_count"})
 
 
 class Trial(NamedTuple):
-    """How a law did."""
-
     # Largest difference from the quantity at the null values, as a share of it; NaN where the law is nowhere
     # a number
     deviation: float

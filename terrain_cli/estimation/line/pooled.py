@@ -105,7 +105,6 @@ class RecursiveLine:
 
 
 def _states(moments: WindowMoments, *, correlated: bool) -> tuple[Array, ...]:
-    """Return the columns of a trace."""
     line = fit_line(moments)
     gain = np.broadcast_to(np.eye(2)[:, :, None], (2, 2, len(moments.count)))
     errors, _ = uncertainty(moments, line, line.cohesion, line.tan_phi, gain, correlated=correlated)

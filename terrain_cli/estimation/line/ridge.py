@@ -28,8 +28,6 @@ _TOGETHER = 1024  # ... so many samples at a time: few enough to stay in the pro
 
 @dataclass(frozen=True)
 class Ridge:
-    """Ridge estimates of windows."""
-
     cohesion: Array  # cohesion, tan_phi: shape (w,): c in Pa
     tan_phi: Array
     # Shape (w,): the δ of `DELTAS` with the smallest error of prediction; the least of them if equal

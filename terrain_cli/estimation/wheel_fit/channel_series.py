@@ -8,11 +8,10 @@ section 1.1), where the regressor is nothing but noise. Elsewhere noise is at mo
 fraction of a second.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
+from typing import Self
 
 import numpy as np
 
@@ -46,7 +45,7 @@ class LargestNoise:
     steady: Mask  # Whether nothing but noise varies there, so that it is as large as that
 
     @classmethod
-    def of(cls, column: Array, data: FitData, steady: Mask, second: float) -> LargestNoise:
+    def of(cls, column: Array, data: FitData, steady: Mask, second: float) -> Self:
         """Tell it from a channel of so many samples in a `second`.
 
         With the variance R and the autocorrelation ρ of the noise over some time, the mean squares of second

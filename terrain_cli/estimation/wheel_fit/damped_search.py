@@ -146,12 +146,8 @@ def descend(
         inside = np.repeat(better, part.count)
         state.latent[:, rows[inside]] = latent[:, inside]
         ways[:, :, rows[inside]] = tried_ways[:, :, inside]
-        for old, new in (
-            (normal.information, tried.information),
-            (normal.score, tried.score),
-            (normal.misfit, tried.misfit),
-        ):
-            old[at] = new[better]
+        for name in ("information", "score", "misfit"):
+            getattr(normal, name)[at] = getattr(tried, name)[better]
         if together and better.all():
             state.common = moved_common
         # A short step wins little too: that one may not be the last.

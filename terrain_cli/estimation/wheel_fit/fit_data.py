@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -92,10 +92,9 @@ class FitData:
 
     def take(self, rows: Index, count: Index, windows: Index) -> FitData:
         """Return some of the samples, ordered by window: so many of each of these windows."""
-        return FitData(
+        return replace(
+            self,
             channels={name: column[rows] for name, column in self.channels.items()},
-            inputs=self.inputs,
-            outputs=self.outputs,
             measured=self.measured[:, rows],
             seen=self.seen[:, rows],
             bounds=np.concatenate([[0], np.cumsum(count)]),

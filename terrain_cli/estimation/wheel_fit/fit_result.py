@@ -289,12 +289,6 @@ def parameters(
     shared_units = np.array([float(u.slope(number)) for u, number in common])
     shared_covariance = found.shared * spread**2 * np.outer(shared_units, shared_units)
     shared_errors = np.sqrt(np.diagonal(shared_covariance)).tolist()
-    pivot = {"cohesion", "tan_phi"} <= set(names)
-    var_c, cov, var_t = _of_pair(names, covariance, *_PAIR)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        # Where c and φ err the same way no stress makes their errors cancel, and none below 0 is one.
-        sigma_star = np.maximum(-cov / var_t, 0.0) if pivot else np.full(windows, np.nan)
-        strength_se = np.sqrt(np.maximum(var_c + 2.0 * sigma_star * cov + sigma_star**2 * var_t, 0.0))
     return Parameters(
         values={name: values[name] for name in soil},
         errors={name: errors[name] for name in soil},
@@ -305,15 +299,24 @@ def parameters(
         # The estimate leans towards the prior means by the share that is not known from the data.
         assumed=((inside - wrong) @ (inside - wrong) + wrong) * scale,
         shared_covariance=shared_covariance,
-        sigma_star=sigma_star,
-        strength=values["cohesion"] + sigma_star * values["tan_phi"],
-        strength_se=strength_se,
+        **strengths(names, covariance, values),
         undetermined=undetermined,
         priors={u.name: (u.mean, u.sd) for u in sought.local},
         told=told,
         bounded=bounded,
         phi_open=_open(names, found.sure, values["tan_phi"], unknowns) * blank,
     )
+
+
+def strengths(names: tuple[str, ...], covariance: Array, values: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the stress at which the strength does not go with tan φ, and that strength, as `Fit` has it."""
+    var_c, cov, var_t = _of_pair(names, covariance, *_PAIR)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # Where c and φ err the same way no stress makes their errors cancel, and none below 0 is one.
+        pivot = np.maximum(-cov / var_t, 0.0) if {*_PAIR} <= {*names} else np.full(len(cov), np.nan)
+        error = np.sqrt(np.maximum(var_c + 2.0 * pivot * cov + pivot**2 * var_t, 0.0))
+    strength = values["cohesion"] + pivot * values["tan_phi"]
+    return {"sigma_star": pivot, "strength": strength, "strength_se": error}
 
 
 def at_end(unknown: Unknown, t: Array) -> Mask:

@@ -187,7 +187,7 @@ def fit(
         model=model,
         under=under,
         n=data.count,
-        **{f.name: getattr(about, f.name) for f in fields(about)},
+        **vars(about),
         noise=problem.noise,
         chi2=np.where(filled, found.misfit, np.nan),
         dof=np.where(filled, found.dof, np.nan),
@@ -212,7 +212,7 @@ def fit(
         if wrong.any() or usual.any():
             found = with_model_error(found, sought.local, wrong, usual)
             about = parameters((*model.soil, *local), sought, found, filled, spread)
-            result = replace(result, **{f.name: getattr(about, f.name) for f in fields(about)})
+            result = replace(result, **vars(about))
     return replace(result, grids=valley.grids(problem, data, found, about, joint, order))
 
 

@@ -67,11 +67,10 @@ class Normal:
 def initial(data: FitData, t: Array, common: Array) -> State:
     """Begin at t, shape (w, p), and common, shape (q,), with the measured values for the true ones."""
     converged, lost = np.zeros((2, len(t)), dtype=bool)
-    latent = data.given.copy()
     return State(
         t=t.copy(),
         common=common.copy(),
-        latent=latent,
+        latent=data.given.copy(),
         converged=converged,
         merit=np.full(len(t), np.inf),
         lost=lost,

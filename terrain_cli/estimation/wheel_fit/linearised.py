@@ -136,8 +136,7 @@ def equations(
     prediction = problem.predict(data, t, common, by=True, order=order, latent=latent)
     size, n = len(sought.local) + len(sought.shared), latent.shape[1]
     count = data.count
-    chain = [np.repeat(u.slope(t[:, column]), count) for column, u in enumerate(sought.local)]
-    chain += [u.slope(np.asarray(number)) for u, number in zip(sought.shared, common, strict=True)]
+    chain = np.repeat(sought.slopes(t, common).T, count, axis=1)
     names = [u.name for u in (*sought.local, *sought.shared)]
     excess = np.repeat(data.excess, count)
     spread = np.sqrt(

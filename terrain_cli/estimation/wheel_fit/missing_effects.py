@@ -7,31 +7,23 @@ the parameter is u / S, and moves the others by G u / S. Where noise lasts, the 
 S as samples make an independent one.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
 from terrain_cli.estimation.wheel_fit.excess_scatter import memory
+from terrain_cli.estimation.wheel_fit.fit_data import FitData
+from terrain_cli.estimation.wheel_fit.fit_result import Fit, Parameters
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate
-from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES, unknown
+from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
+from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES, Unknown, unknown
 from terrain_cli.estimation.wheel_fit.wandering_channels import wandering
-from terrain_cli.mechanics.effect import mean_load
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.fit_result import Fit, Parameters
-    from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown
-    from terrain_cli.mechanics.effect import Effect
-    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
-
+from terrain_cli.mechanics.effect import Effect, mean_load
+from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
 #: Standard deviations beyond chance at which an effect shows, and errors by which it moves c, φ or strength.
 _SHOWS, _FAR = 4.0, 1.0

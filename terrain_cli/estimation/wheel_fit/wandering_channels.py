@@ -9,25 +9,18 @@ Waves of an output, or of c and tan φ, that need not show add to the covariance
 mean square that the data leave them, times their probability.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
 from terrain_cli.estimation.wheel_fit.excess_scatter import exceeded, memory
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, level
-from terrain_cli.estimation.wheel_fit.linearised import solve_lower
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, FitData, level
+from terrain_cli.estimation.wheel_fit.linearised import Equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import arrow
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.linearised import Equations
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown
-    from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown
+from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Half waves in a window at the most, the s that each lasts at least, and its samples. Judged: noise of
 #: sensors lasts up to 1 s, and zeros drift over tens of seconds.
@@ -113,7 +106,7 @@ class _Both(NamedTuple):
     score: Array
 
     @classmethod
-    def of(cls, residual: Array, design: Array, added: Array, data: FitData, t: Array) -> _Both:
+    def of(cls, residual: Array, design: Array, added: Array, data: FitData, t: Array) -> Self:
         local = t.shape[1]
         both = np.concatenate([design, added], axis=1)
         information = window_products(both, both, data.bounds)

@@ -279,7 +279,6 @@ def _again(
 
 
 def _searched(problem: Problem, data: FitData, order: int | None) -> State:
-    """Search with the samples given."""
     t, common = damped_search.centre(problem, data)
     state = _towards(problem, data, t, common, order)
     if not problem.unknowns.shared:
@@ -320,10 +319,8 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     for own in np.split(np.arange(len(ends.t)), len(begun)):
         tried = ends.only(own, copies.rows_of(own))
         better = tried.converged & ((tried.merit < state.merit[bad] - _LOWER) | ~state.converged[bad])
-        at = bad[better]
-        state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
-        inside = np.repeat(better, again.count)
-        state.latent[:, rows[inside]] = tried.latent[:, inside]
+        inside = np.flatnonzero(np.repeat(better, again.count))
+        put(state, tried.only(np.flatnonzero(better), inside), bad[better], rows[inside])
     return state
 
 

@@ -4,11 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from terrain_cli.estimation.wheel_fit import Fit
+from terrain_cli.mechanics import past
 from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry, predict
 from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.windows.cut_windows import Windows
 
 #: From samples, by their indices, to every parameter of the soil and of the effects of each.
 Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
@@ -65,6 +68,32 @@ def values(
     return result
 
 
+def past_of_fit(
+    whole: Windows, thinned: Windows, channels: Mapping[str, Array], fit: Fit, fixed: Mapping[str, ArrayLike]
+) -> dict[str, Any]:
+    """Return what a fit to the samples of `thinned` predicts of all, as those see it, without what is late.
+
+    For a model with a late channel, to be fitted behind it. `channels` are of all usable samples; of steady
+    test points there is nothing.
+    """
+    samples, rows = whole.samples, whole.rows
+    if samples.time is None:
+        return {}
+    own = {name: np.repeat(one, np.diff(whole.bounds)) for name, one in fit.of_windows(fixed).items()}
+    found = values(
+        fit.model,
+        samples.geometry.wheel,
+        channels,
+        lambda some: {name: column[some] for name, column in own.items()},
+        near=np.full(len(rows), np.nan),  # As in a fit, which begins at no measured one
+    )
+    velocity = samples.channels.get("velocity")
+    velocity = None if velocity is None else velocity[rows]
+    measured = {name: samples.channels[name][rows] for name in found}
+    shown = past.along(samples.time[rows], samples.stretch[rows], velocity, found, measured)
+    return {name: column[np.searchsorted(rows, thinned.rows)] for name, column in shown.items()}
+
+
 def derivatives(
     model: Model,
     wheel: WheelGeometry,
@@ -107,6 +136,8 @@ def _rows(model: Model, channels: Mapping[str, Array], needed: Sequence[str]) ->
     return np.flatnonzero(fine & (channels["sinkage"] > 0.0) if "sinkage" in needed else fine)
 
 
+# An effect far from what it can be may leave no contact: no prediction, and no warning.
+@np.errstate(all="ignore")
 def _predict(
     model: Model,
     wheel: WheelGeometry,
@@ -115,12 +146,5 @@ def _predict(
     rows: NDArray[np.intp],
     **options: Any,
 ) -> Prediction:
-    # An effect far from what it can be may leave no contact: no prediction, and no warning.
-    with np.errstate(all="ignore"):
-        return predict(
-            model,
-            wheel,
-            {name: column[rows] for name, column in channels.items()},
-            parameters(rows),
-            **options,
-        )
+    some = {name: column[rows] for name, column in channels.items()}
+    return predict(model, wheel, some, parameters(rows), **options)
