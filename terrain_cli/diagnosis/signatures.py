@@ -59,14 +59,14 @@ class SignatureEvidence(NamedTuple):
 
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
-    channels = wheel.smoothed(wheel.gaps, rows, remembering=True)
+    channels, slopes = wheel.noiseless(rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
     residual, known = whitening.known_of(white, errors, inputs_known(channels))
     found = SignatureEvidence(channels, white, residual, known, np.zeros(0))
     names = (*wheel.soil, *wheel.common)
-    return found._replace(soil=found.whitened(wheel.free_slopes(channels, rows), len(names)))
+    return found._replace(soil=found.whitened(slopes, len(names)))
 
 
 def of_effects(
