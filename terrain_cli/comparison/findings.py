@@ -67,11 +67,11 @@ class Residuals:
 
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
-        channels = wheel.smoothed(wheel.gaps, rows)
+        channels, free = wheel.noiseless(rows)
         known = inputs_known(channels)
         local, own = len(wheel.soil), len(wheel.common)
         slopes = {}
-        for name, table in wheel.free_slopes(channels, rows).items():
+        for name, table in free.items():
             # Each wheel was fitted on its own: its common parameters are its own too.
             common = np.zeros((len(rows), own * len(self.wheels)))
             common[:, index * own : (index + 1) * own] = table[:, local:]

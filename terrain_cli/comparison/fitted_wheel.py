@@ -22,7 +22,7 @@ from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.estimation import prediction
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
-from terrain_cli.estimation.wheel_fit.fit_result import at_end
+from terrain_cli.estimation.wheel_fit.fit_result import at_ends
 from terrain_cli.estimation.wheel_fit.late_channels import behind
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
 from terrain_cli.mechanics import past
@@ -146,7 +146,7 @@ class FittedWheel:
 
     def forget(self) -> None:
         """Have what is computed once from the parameters computed anew."""
-        for name in ("read", "measured", "predicted", "residuals", "noise"):
+        for name in ("read", "measured", "predicted", "residuals", "noise", "_noiseless"):
             self.__dict__.pop(name, None)
 
     def _lost(self) -> bool:
@@ -235,14 +235,16 @@ class FittedWheel:
         window = self.window[rows]
         return {name: column[window] for name, column in self.parameters.items()}
 
-    def free_slopes(self, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
-        """Return the slopes, 0 by what ran to a bound in the sample's window: it takes up no misfit there."""
-        t, common = self.beginning()
-        numbers = (*t.T, *np.broadcast_to(common[:, None], (len(common), len(t))))
-        every = (*self.sought.local, *self.sought.shared)
-        held = [at_end(unknown, number) for unknown, number in zip(every, numbers, strict=True)]
-        free = ~np.array(held, dtype=bool).reshape(len(every), len(t)).T[self.window[rows]]
-        return {name: table * free for name, table in self.slopes(channels, rows).items()}
+    def noiseless(self, rows: Index) -> tuple[dict[str, Any], dict[str, Array]]:
+        """Return `smoothed` channels of some samples with their past, and slopes, 0 by what is at a bound."""
+        # It takes up no misfit there.
+        kept = self.__dict__.get("_noiseless")
+        if kept is None or not np.array_equal(kept[0], rows):
+            channels = self.smoothed(self.gaps, rows, remembering=True)
+            free = ~at_ends(self.sought, *self.beginning())[self.window[rows]]
+            slopes = {name: table * free for name, table in self.slopes(channels, rows).items()}
+            kept = self.__dict__["_noiseless"] = rows, channels, slopes
+        return kept[1:]
 
     def slopes(self, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
         """Differentiate the predictions of some samples by all that was fitted: by channel, (n, names)."""

@@ -53,7 +53,7 @@ def predict(wheel: FittedWheel, block: Index, scale: Mapping[str, float]) -> dic
     `scale` is the standard deviation that weighs the residuals of a channel.
     """
     fold = folds(wheel.window, block)
-    cell, moved = _without(wheel, fold, scale)
+    cell, moved, tables = _without(wheel, fold, scale)
     names, whole = (*wheel.soil, *wheel.common), wheel.predicted
 
     def parameters(rows: Index) -> dict[str, Array]:
@@ -75,12 +75,10 @@ def predict(wheel: FittedWheel, block: Index, scale: Mapping[str, float]) -> dic
     change = {name: np.nan_to_num((out[name] - whole[name]) / scale[name]) for name in there}
     far = np.flatnonzero(_per_fold(change, fold)[fold] > _FAR)
     if len(far):
-        tables = wheel.slopes({name: column[far] for name, column in wheel.read.items()}, far)
-        here = wheel.of_samples(far)
-        unit = np.stack([here[n] if n in wheel.logarithmic else np.ones(len(far)) for n in names], axis=1)
-        step = moved[cell[far]] * unit
+        step = moved[cell[far]]
         linear = {
-            name: np.nan_to_num(np.einsum("np,np->n", tables[name], step) / scale[name]) for name in there
+            name: np.nan_to_num(np.einsum("np,np->n", tables[name][far], step) / scale[name])
+            for name in there
         }
         chosen = nearer(linear, {name: column[far] for name, column in change.items()}, fold[far])
         for name in there:
@@ -106,10 +104,12 @@ def _per_fold(change: Mapping[str, Array], fold: Index) -> Array:
     return np.asarray(np.bincount(fold, squares) / np.maximum(count, 1))
 
 
-def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tuple[Index, Array]:
+def _without(
+    wheel: FittedWheel, fold: Index, scale: Mapping[str, float]
+) -> tuple[Index, Array, dict[str, Array]]:
     """Return the cell of each sample, and how far a cell's parameters move when its fold is left out.
 
-    In the unit sought: logarithms of parameters that are positive.
+    In the unit sought: logarithms of parameters that are positive. Also the slopes of predictions by them.
     """
     names = (*wheel.soil, *wheel.common)
     window_of, fold_of, cell = cells(wheel.window, fold)
@@ -134,9 +134,8 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     here = np.array([wheel.of_samples(slice(0, 1))[name][0] for name in wheel.common])
     farthest = FARTHEST * np.array([wheel.prior[name] for name in wheel.common])
     reach = (np.maximum(low - here, -farthest), np.minimum(high - here, farthest))
-    return cell, normal_equations.leave_out(
-        information, score, window_of, fold_of, prior, len(wheel.soil), reach
-    )
+    moved = normal_equations.leave_out(information, score, window_of, fold_of, prior, len(wheel.soil), reach)
+    return cell, moved, tables
 
 
 def join_segments(

@@ -59,14 +59,14 @@ class SignatureEvidence(NamedTuple):
 
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
-    channels = wheel.smoothed(wheel.gaps, rows, remembering=True)
+    channels, slopes = wheel.noiseless(rows)
     white = whitening.of_residuals(wheel.residuals, wheel.levels, wheel.record.group, wheel.memory)
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
     known = np.stack([np.isfinite(error) & inputs_known(channels) for error in errors.values()], axis=1)
     residual = white({name: np.nan_to_num(error) for name, error in errors.items()}, known)
     found = SignatureEvidence(channels, white, residual, known, np.zeros(0))
     names = (*wheel.soil, *wheel.common)
-    return found._replace(soil=found.whitened(wheel.free_slopes(channels, rows), len(names)))
+    return found._replace(soil=found.whitened(slopes, len(names)))
 
 
 def of_effects(

@@ -97,19 +97,22 @@ def tried(
     after: ModelFile,
     *,
     first: Comparison | None = None,
+    soils: EstimateRequest | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
     beside: bool = False,
 ) -> Step:
     """Fit a model without a change, if `first` is not that, and with it; compare both on blocks left out.
 
-    The segments are estimated in this process, or in one `beside` it.
+    The segments are estimated in this process, or in one `beside` it; `soils` are those without the change,
+    where a trial before has asked for them.
     """
     # An effect has one value for a wheel, in all of its inputs.
     effects = [effect for file in (before, after) for effect in file.model.effects]
     parts, wheels = wheels, joined_inputs.by_wheel(wheels, effects)
     # c and φ are those of the segments, however many soils the two models are compared on.
-    asked = [EstimateRequest(wheels=wheels, file=file, needed=needed_segments) for file in (before, after)]
+    every = partial(EstimateRequest, wheels=wheels, needed=needed_segments)
+    asked = [soils or every(file=before), every(file=after)]
     # Both processes need the catalogue, which is read before there are two.
     catalogue()
     answer = estimate_beside(asked) if beside else lambda: None
@@ -131,11 +134,14 @@ def tried(
 
         old = cache(lambda: on(before, told))
         own = old()[1] if first is None else first
-        soils, changed = on(after, new)
+        fitted, changed = on(after, new)
         if own.blocks < comparison_criteria.FEWEST_BLOCKS and changed.blocks > own.blocks:
             # What is missing is remembered longer than noise: the better model tells how long that is.
             return [old()[0].compared(like=changed, seed=seed, progress=told), changed, own, changed]
-        second = soils.compared(like=own, findings=False, seed=seed, progress=new)
+        wheels_of_both = zip(own.wheels, changed.wheels, strict=True)
+        if not changed.failures and all(np.array_equal(a.blocks, b.blocks) for a, b in wheels_of_both):
+            return [own, changed, own, changed]
+        second = fitted.compared(like=own, findings=False, seed=seed, progress=new)
         # Where it fails is told on its own blocks, which may be shorter.
         return [own, replace(second, failures=changed.failures), own, changed]
 
@@ -148,10 +154,10 @@ def tried(
     answer()
     first = replace(first, soils=asked[0])
     second = replace(second, warnings=remarks, soils=asked[1])
-    soils = paired_soils(first, second)
-    differences = between_soils(soils)
+    pairs = paired_soils(first, second)
+    differences = between_soils(pairs)
     with_it, file = (second, after) if action == "add" else (first, before)
-    places = _places(parts, [one.segments for one, _ in soils])
+    places = _places(parts, [one.segments for one, _ in pairs])
     channels, evidence = weigh(first, second, compared_after)
     open_before = _open(first)
     return Step(
@@ -168,7 +174,7 @@ def tried(
         parameters=list(_parameters(second, after, changed)),
         shifts=[_shift(name, differences, places) for name in ("c", "phi")],
         undetermined=tuple(name for name, n in _open(second).items() if n > open_before.get(name, 0)),
-        lost=list(_lost(soils, places)),
+        lost=list(_lost(pairs, places)),
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(with_it, file, changed),
         imitates=tuple(_imitating(with_it, file, changed)),

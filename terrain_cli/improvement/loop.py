@@ -8,6 +8,7 @@ from terrain_cli import models
 from terrain_cli.comparison import Comparison, kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, UnknownEffect
 from terrain_cli.diagnosis.evidence import Evidence
+from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Action, Step, Stopped
@@ -42,10 +43,12 @@ def until_quiet(
     named = dict(paths or {})
     added: list[str] = []
     every = all(one.samples.aside is None for one in wheels)
+    soils: EstimateRequest | None = None  # Of the model as it has become
 
     def attempt(
         action: Action, names: Sequence[str], current: ModelFile, first: Comparison | None
     ) -> tuple[Step, ModelFile]:
+        nonlocal soils
         change = (models.added if action == "add" else models.removed)(current, names, modulus)
         step = tried_in_forms(
             wheels,
@@ -53,11 +56,13 @@ def until_quiet(
             change,
             current,
             first=first,
+            soils=soils,
             seed=seed,
             progress=lambda what: progress(f"{action} {' '.join(names)}: {what}"),
             beside=beside,
         )
         kept = step.pays if action == "add" else not step.costs
+        soils = (step.second if kept else step.first).soils
         return replace(step, kept=kept), step.after if kept else current
 
     silent, because = False, ""
@@ -112,7 +117,7 @@ def tried_in_forms(
     steps: list[Step] = []
     for file in models.in_forms(change):
         steps.append(tried(wheels, action, change.ids, before, file, **options))
-        options["first"] = steps[0].compared_before
+        options |= {"first": steps[0].compared_before, "soils": steps[0].first.soils}
     return min(steps, key=lambda step: (not step.pays, step.evidence.overall.value))
 
 

@@ -18,8 +18,8 @@ from terrain_cli.mechanics.dual import chain, slopes, value
 from terrain_cli.mechanics.rates import level, wheel_angle
 from terrain_cli.vocabulary.arrays import Array, Index
 
-_SHARE = 1e-6  # Share by which a time constant is changed to differentiate by it
-_SHORT, _TERMS = 0.5, 12  # Step in time constants below which a series has so many terms: right to 1e-12
+#: Step in time constants up to which a series is taken, right to 1e-12: 4! / (4 + j)! of its powers j.
+_SHORT, _SERIES = 0.5, [24.0 / math.factorial(4 + power) for power in range(10)]
 _FORGOTTEN = 1e-12  # Share of a sample that is nothing any more
 _KEPT = 64  # Lags of which what is shown is kept
 SUFFIX = "_past"  # What a law calls the past of a channel
@@ -69,48 +69,62 @@ class PredictedSeries:
                 self.kept.clear()
             far = abs(delay) - abs(constant) * math.log(_FORGOTTEN)
             self.reach[clock] = max(far, self.reach.get(clock, 0.0))
-            before, by_delay = self._before(clock, delay)
-            found = self._filtered(clock, before, constant)
-            parts = [found - self.values]
-            if sloped:
-                by_delay = self._filtered(clock, by_delay, constant)
-                by_constant = by_delay
-                if constant:
-                    nearby = self._filtered(clock, before, constant * (1.0 + _SHARE))
-                    by_constant = (nearby - found) / (constant * _SHARE)
-                parts += [by_delay, by_constant]
-            self.kept[key] = tuple(part[self.back] for part in parts)
+            shown, *derivatives = self._shown(clock, delay, constant, sloped=sloped)
+            self.kept[key] = tuple(part[self.back] for part in (shown - self.values, *derivatives))
         return self.kept[key]
 
-    def _before(self, name: str, delay: float) -> tuple[Array, Array]:
-        """Return what was true a delay before each sample, within its stretch, and its slope by the delay."""
-        clock, (curve, slope) = self.clocks[name], self.curves[name]
-        at, low, high = clock - delay, clock[self.first], clock[self.last]
-        true, steep = self.values, slope
-        if delay:
-            begin = np.clip(np.searchsorted(clock, at, side="right") - 1, self.first, self.last)
-            end = np.minimum(begin + 1, self.last)
-            step = np.where((at > low) & (at < high), clock[end] - clock[begin], 0.0)
-            moves = step > 0.0
-            part = np.divide(at - clock[begin], step, out=np.zeros(len(at)), where=moves)
-            cubic = curve[:, end]
-            true = np.where(moves, polyval(part, cubic, tensor=False), self.values[begin])
-            along = polyval(part, cubic[1:] * [[1.0], [2.0], [3.0]], tensor=False)
-            steep = np.where(moves, np.divide(along, step, out=np.zeros(len(at)), where=moves), slope[begin])
-        # At an end of a stretch, the mean of both sides.
-        inside = 0.5 * (np.sign(at - low) + np.sign(high - at))
-        return true, -steep * np.maximum(inside, 0.0)
-
-    def _filtered(self, name: str, true: Array, constant: float) -> Array:
-        clock = self.clocks[name]
-        if constant > 0.0:
-            return _filtered(clock, self.first, self.last, true, constant)
+    def _shown(self, name: str, delay: float, constant: float, *, sloped: bool) -> list[Array]:
+        """Return what is shown, and its derivatives by delay and constant."""
+        before = self._before(name, delay)
+        by_delay = [self._by_delay(name, delay)] if sloped else []
+        if not constant:
+            return [before, *by_delay, *by_delay]
+        clock, first, last, way = self.clocks[name], self.first, self.last, slice(None)
         if constant < 0.0:
             # Ahead of what is true, to which it comes at the end.
-            n = len(clock) - 1
-            back = clock[-1:] - clock[::-1], n - self.last[::-1], n - self.first[::-1]
-            return _filtered(*back, true[::-1], -constant)[::-1]
-        return true
+            n, way = len(clock) - 1, slice(None, None, -1)
+            clock, first, last = clock[-1:] - clock[way], n - last[way], n - first[way]
+        own, true = _Filter(clock, first, abs(constant)), before[way]
+        unchanged = constant > 0.0 and not delay
+        curve = self.curves[name][0] if unchanged else _curve(clock, first, last, true)[0]
+        parts = [own.shown(curve, true)]
+        for slope in (one[way] for one in by_delay):
+            parts.append(own.shown(_curve(clock, first, last, slope)[0], slope))
+            parts.append(math.copysign(1.0, constant) * own.slope(curve, parts[0]))
+        return [part[way] for part in parts]
+
+    def _before(self, name: str, delay: float) -> Array:
+        """Return what was true a delay before each sample, within its stretch."""
+        if not delay:
+            return self.values
+        begin, end, step, part = self._between(name, delay)
+        along = polyval(part, self.curves[name][0][:, end], tensor=False)
+        return np.where(step > 0.0, along, self.values[begin])
+
+    def _by_delay(self, name: str, delay: float) -> Array:
+        """Return the slope of the same by the delay."""
+        clock, (curve, steep) = self.clocks[name], self.curves[name]
+        at = clock - delay
+        # At an end of a stretch, the mean of both sides.
+        inside = 0.5 * (np.sign(at - clock[self.first]) + np.sign(clock[self.last] - at))
+        if delay:
+            begin, end, step, part = self._between(name, delay)
+            along = polyval(part, curve[1:, end] * [[1.0], [2.0], [3.0]], tensor=False)
+            steep = np.divide(along, step, out=steep[begin], where=step > 0.0)
+        return -steep * np.maximum(inside, 0.0)
+
+    def _between(self, name: str, delay: float) -> tuple[Index, Index, Array, Array]:
+        """Return between which samples lies what was there a delay before each; step and share of the way.
+
+        Beyond the ends of a stretch, and where a wheel stands, there is no step.
+        """
+        clock = self.clocks[name]
+        at = clock - delay
+        begin = np.clip(np.searchsorted(clock, at, side="right") - 1, self.first, self.last)
+        end = np.minimum(begin + 1, self.last)
+        within = (at > clock[self.first]) & (at < clock[self.last])
+        step = np.where(within, clock[end] - clock[begin], 0.0)
+        return begin, end, step, np.divide(at - clock[begin], step, out=np.zeros(len(at)), where=step > 0.0)
 
 
 def _curve(clock: Array, first: Index, last: Index, values: Array) -> tuple[Array, Array]:
@@ -135,40 +149,58 @@ def _curve(clock: Array, first: Index, last: Index, values: Array) -> tuple[Arra
     return np.array([start, before, 3.0 * rise - 2.0 * before - end, before + end - 2.0 * rise]), slope
 
 
-def _filtered(clock: Array, first: Index, last: Index, true: Array, constant: float) -> Array:
-    """Let what is shown follow what is true: constant · d(shown)/d(clock) = true − shown, settled at first.
+class _Filter:
+    """Lets what is shown follow what is true: constant · d(shown)/d(clock) = true − shown, settled at first.
 
     Exact for the curve through the samples.
     """
-    step = np.diff(clock, prepend=clock[:1]) / constant
-    kept = np.exp(-step)
-    found: Array = np.sum(_curve(clock, first, last, true)[0] * _shares(step), axis=0)
-    begins = first == np.arange(len(true))
-    found[begins], kept[begins] = true[begins], 0.0
-    # Twice as many samples before each one are taken in with every turn.
-    reach = 1
-    while reach < len(found) and kept.max() > _FORGOTTEN:
-        found[reach:] += kept[reach:] * found[:-reach]
-        kept[reach:] *= kept[:-reach]
-        reach *= 2
-    return found
+
+    def __init__(self, clock: Array, first: Index, constant: float) -> None:
+        self.constant, self.begins = constant, first == np.arange(len(clock))
+        self.step = np.diff(clock, prepend=clock[:1]) / constant
+        self.shares = _shares(self.step)
+        kept = np.exp(-self.step)
+        kept[self.begins] = 0.0
+        #: What is left at each sample of the one before it, of the one two before it, four …
+        self.kept = [kept]
+        while 2 ** len(self.kept) < len(clock) and kept.max() > _FORGOTTEN:
+            reach = 2 ** (len(self.kept) - 1)
+            kept = np.concatenate([kept[:reach], kept[reach:] * kept[:-reach]])
+            self.kept.append(kept)
+
+    def shown(self, curve: Array, true: Array) -> Array:
+        """Return what is shown of what is true, with the curve through it."""
+        return self._followed(np.where(self.begins, true, np.einsum("kn,kn->n", curve, self.shares)))
+
+    def slope(self, curve: Array, shown: Array) -> Array:
+        """Return the slope of what is shown by the constant."""
+        # Of ∫ step · exp(step (u − 1)) uᵏ du, by the step: 1 − (1 + k/step) · that.
+        change = (self.step + np.arange(4.0)[:, None]) * self.shares - self.step
+        new = np.einsum("kn,kn->n", curve, change)
+        new[1:] += (self.kept[0] * self.step)[1:] * shown[:-1]
+        return self._followed(np.where(self.begins, 0.0, new / self.constant))
+
+    def _followed(self, new: Array) -> Array:
+        """Add to what is new at each sample what is left of all before it, twice as many with every turn."""
+        for turn, kept in enumerate(self.kept):
+            reach = 2**turn
+            new[reach:] += kept[reach:] * new[:-reach]
+        return new
 
 
 def _shares(step: Array) -> Array:
     """Return what each power of the share of a step, in time constants, adds to a filter: (4, n)."""
-    # ∫ step · exp(step (u − 1)) uᵏ du from 0 to 1: by parts, or for short steps as a series.
-    long = np.empty((4, len(step)))
-    long[0] = -np.expm1(-step)
-    safe = np.maximum(step, _SHORT)
+    # ∫ step · exp(step (u − 1)) uᵏ du from 0 to 1 is 1 − k/step · that of k − 1: upwards for long steps, and
+    # for short ones downwards from a series, so that nothing cancels.
+    found = np.empty((4, len(step)))
+    found[3] = 0.25 * step * polyval(-step, _SERIES)
+    for power in range(3, 0, -1):
+        found[power - 1] = (1.0 - found[power]) * step / power
+    long = np.flatnonzero(step > _SHORT)
+    found[0, long] = -np.expm1(-step[long])
     for power in range(1, 4):
-        long[power] = 1.0 - power / safe * long[power - 1]
-    powers = np.arange(4)[:, None]
-    term = step / (powers + 1.0)
-    short = term.copy()
-    for m in range(1, _TERMS):
-        term = -term * step / (powers + m + 1.0)
-        short += term
-    return np.where(step > _SHORT, long, short)
+        found[power, long] = 1.0 - power / step[long] * found[power - 1, long]
+    return found
 
 
 class Past:
@@ -205,12 +237,11 @@ class Past:
         if clock not in self.series.clocks:
             return 0.0
         sloped = bool(slopes(delay) or slopes(constant))
-        pairs = np.stack(np.broadcast_arrays(value(delay), value(constant), self.place)[:2], axis=-1)
+        lags = [np.asarray(value(number), dtype=float) for number in (delay, constant)]
         found = np.zeros((3 if sloped else 1, len(self.place)))
-        each: list[tuple[Any, Any]]
-        if len(pairs) and np.all(pairs == pairs[0]):
-            each = [(pairs[0], slice(None))]
-        else:
+        each: list[tuple[Any, Any]] = [([lag.flat[0] if lag.size else 0.0 for lag in lags], slice(None))]
+        if any(np.any(lag != lag.flat[0]) for lag in lags if lag.size):
+            pairs = np.stack(np.broadcast_arrays(*lags, self.place)[:2], axis=-1)
             unique, which = np.unique(pairs, axis=0, return_inverse=True)
             each = [(pair, np.flatnonzero(which.ravel() == k)) for k, pair in enumerate(unique)]
         for (one, other), rows in each:

@@ -324,6 +324,13 @@ def at_end(unknown: Unknown, t: Array) -> Mask:
     return np.asarray((t <= unknown.lower + _AT_BOUND) | (t >= unknown.upper - _AT_BOUND))
 
 
+def at_ends(unknowns: Unknowns, t: Array, common: Array) -> Mask:
+    """Tell the same of all unknowns in each window, own and shared ones, shape (w, q + m)."""
+    columns = [*t.T, *np.broadcast_to(common[:, None], (len(common), len(t)))]
+    every = zip((*unknowns.local, *unknowns.shared), columns, strict=True)
+    return np.array([at_end(*one) for one in every], dtype=bool).reshape(len(columns), len(t)).T
+
+
 def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequence[Unknown]) -> Array:
     """Return the standard error of φ without the information of its own prior.
 

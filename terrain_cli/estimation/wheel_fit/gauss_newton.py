@@ -114,8 +114,7 @@ def solve(
         done &= np.einsum("waa->w", normal.information) > (0.0 if normal.score.shape[1] else -1.0)
         state.converged[active] = done
         if shared:
-            moved = float(shift @ eliminate(normal, len(sought.local))[2] @ shift)
-            if done.all() and moved <= TOLERANCE**2:
+            if done.all() and shift @ eliminate(normal, len(sought.local))[2] @ shift <= TOLERANCE**2:
                 break
         elif done.any():
             active = active[~done]

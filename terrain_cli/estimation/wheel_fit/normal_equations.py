@@ -34,17 +34,28 @@ class Eliminated:
     cross: Array  # Shape (w, p, q): B
     gain: Array  # Shape (w, p, q): G: change of the windows' own unknowns with the shared ones
 
-    def taken(self, windows: Index | slice = slice(None)) -> Array:
-        """Return what the windows' own unknowns take off the information on the shared ones: −Σ Bᵀ G."""
-        return np.asarray(-np.einsum("wpq,wpr->qr", self.cross[windows], self.gain[windows]))
+    def taken_each(self) -> Array:
+        """Return what each window's own unknowns take off the information on the shared ones: −Bᵀ G."""
+        return np.asarray(-np.swapaxes(self.cross, 1, 2) @ self.gain)
 
-    def pull(self, score: Array, windows: Index | slice = slice(None)) -> Array:
-        """Return what the windows' own scores a add to that of the shared unknowns: Σ Gᵀ a."""
-        return np.asarray(np.einsum("wpq,wp->q", self.gain[windows], score))
+    def taken(self) -> Array:
+        """Return what they take off it together."""
+        return np.asarray(-np.einsum("wpq,wpr->qr", self.cross, self.gain))
+
+    def pull_each(self, score: Array) -> Array:
+        """Return what each window's own scores a add to that of the shared unknowns: Gᵀ a."""
+        return np.asarray(np.einsum("wpq,wp->wq", self.gain, score))
+
+    def pull(self, score: Array) -> Array:
+        """Return what they add to it together."""
+        return np.asarray(np.einsum("wpq,wp->q", self.gain, score))
 
     def behind(self, score: Array, shared: Array) -> Array:
-        """Return the windows' own unknowns that go with their scores a and with shared ones: A⁻¹ a + G y."""
-        return np.asarray(np.einsum("wab,wb->wa", self.own, score) + self.gain @ shared)
+        """Return the windows' own unknowns that go with their scores a and with shared ones: A⁻¹ a + G y.
+
+        The shared ones are the same for all windows, shape (q,), or of each, shape (w, q).
+        """
+        return np.asarray(np.einsum("wab,wb->wa", self.own, score) + (self.gain @ shared[..., None])[..., 0])
 
     def solve(self, score: Array, information: Array, score_shared: Array) -> tuple[Array, Array]:
         """Return own and shared unknowns, from a of each window, Σ C and Σ c."""
@@ -108,33 +119,26 @@ def leave_out(
     right = pull[:, local:].sum(axis=0) + every.pull(pull[:, :local])
     low, high = reach if reach is not None else (np.full_like(common, end) for end in (-np.inf, np.inf))
     limits = (common + np.minimum(low, 0.0), common + np.maximum(high, 0.0))
-    moved = np.zeros_like(score)
-    order = np.argsort(fold, kind="stable")
-    for cells in np.split(order, np.flatnonzero(np.diff(fold[order])) + 1):
-        touched = window[cells]
-        rest, _ = arrow(whole[touched] - information[cells], local, prior)
-        kept = (pull[touched] - score[cells])[:, :local]
-        there = _within(
-            left - information[cells][:, local:, local:].sum(axis=0) + every.taken(touched) - rest.taken(),
-            right
-            - score[cells][:, local:].sum(axis=0)
-            - every.pull(pull[touched, :local], touched)
-            + rest.pull(kept),
-            limits,
-        )
-        moved[cells, :local] = rest.behind(kept, there) - own[touched]
-        moved[cells, local:] = there - common
-    return moved
+    rest, _ = arrow(whole[window] - information, local, prior)
+    kept = (pull[window] - score)[:, :local]
+    folds = int(fold.max()) + 1
+    lefts, rights = np.repeat(left[None], folds, axis=0), np.repeat(right[None], folds, axis=0)
+    np.add.at(lefts, fold, every.taken_each()[window] - rest.taken_each() - information[:, local:, local:])
+    gone = every.pull_each(pull[:, :local])[window] - rest.pull_each(kept) + score[:, local:]
+    np.subtract.at(rights, fold, gone)
+    there = _within(lefts, rights, limits)[fold]
+    return np.hstack([rest.behind(kept, there) - own[window], there - common])
 
 
 def _within(left: Array, right: Array, limits: tuple[Array, Array]) -> Array:
-    """Solve for the shared unknowns, held at the limits that they would cross."""
-    found = np.linalg.solve(left, right)
+    """Solve for the shared unknowns without each fold, held at the limits that they would cross."""
+    found = np.linalg.solve(left, right[..., None])[..., 0]
     held = (found < limits[0]) | (found > limits[1])
-    if held.any():
-        found, free = np.clip(found, *limits), ~held
-        rest = right[free] - left[np.ix_(free, held)] @ found[held]
-        found[free] = np.linalg.solve(left[np.ix_(free, free)], rest)
+    found = np.clip(found, *limits)
+    for one in np.flatnonzero(held.any(axis=1)):
+        bound, free = held[one], ~held[one]
+        rest = right[one, free] - left[one][np.ix_(free, bound)] @ found[one, bound]
+        found[one, free] = np.linalg.solve(left[one][np.ix_(free, free)], rest)
     return np.asarray(found)
 
 
