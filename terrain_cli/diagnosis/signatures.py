@@ -23,14 +23,12 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.effects import Effect
 from terrain_cli.estimation.prediction import derivatives
 from terrain_cli.estimation.wheel_fit import normal_equations
-from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.mechanics.wheel_model import STRESSES, Model
 from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Short blocks of which chance is drawn: what costs little. No score exceeds √blocks standard errors, however
 #: large the effect.
 _MOST_BLOCKS = 400
-#: Laws on these are applied node by node, which is slow where many are differentiated together.
-_ON_THE_RIM = frozenset({"normal_stress", "shear_stress"})
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ def of_effects(
     alone: list[Effect] = []
     for effect in effects:
         shaped = any(parameter.shape for parameter in effect.parameters)
-        (alone if shaped or _ON_THE_RIM.intersection(effect.laws) else together).append(effect)
+        (alone if shaped or STRESSES.intersection(effect.laws) else together).append(effect)
         alone.extend(effect.forms[1:])
     if together:
         tables = _tables(wheel, together, channels, rows, {})
@@ -104,7 +102,7 @@ def _passes(
     passes: dict[Hashable, tuple[dict[str, float], list[Effect]]] = {}
     turn: Counter[Hashable] = Counter()
     for effect in effects:
-        kind = bool(_ON_THE_RIM.intersection(effect.laws)), effect.needs
+        kind = bool(STRESSES.intersection(effect.laws)), effect.needs
         shapes = [p for p in effect.parameters if p.shape]
         for values in zip(*(p.tried([channels]) for p in shapes), strict=True) if shapes else [()]:
             turn[effect.id, kind] += 1

@@ -8,8 +8,9 @@ import numpy as np
 from terrain_cli import effects
 from terrain_cli.effects.laws.grammar import Law
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
+from terrain_cli.mechanics.wheel_model import STRESSES
 from terrain_cli.models import ModelFile
-from terrain_cli.telemetry import Samples, effect_inputs, rover_advice
+from terrain_cli.telemetry import Samples, effect_inputs
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.windows.cut_windows import Windows
 
@@ -21,7 +22,7 @@ _SHAPE = {"max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)}, "rear-conta
 #: What the soil feels is what these show without the error; of the others the model predicts what they show.
 _FELT = frozenset({"load", "slip"})
 #: What has the noise of a residual: what is predicted, and what the slip is derived from.
-_RELATED = frozenset({"torque", "drawbar_pull", "velocity", "angular_velocity"})
+_RELATED = frozenset({"torque", "velocity", "angular_velocity"})
 
 
 def with_contact(file: ModelFile) -> ModelFile:
@@ -86,19 +87,17 @@ def with_calibrations(file: ModelFile, samples: Samples, measured: Collection[st
 def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str, Array]]:
     """Return effects that a model lacks and any log would show, and what they read of the usable samples.
 
-    Without those that read what has noise that is in the residuals too, and those that would each take an
-    evaluation of the model of their own: as they have shapes, or change the stresses along the rim.
+    Without those that read what has noise that is in the residuals too, and those that are another law of the
+    soil's stresses: of them c and φ are those of the line that touches it, and not those that the law has.
     """
     samples = windows.samples
-    there = {name for name in rover_advice.SOURCES if name in samples.channels} - _RELATED
-    there |= _constants(samples)
+    there = {*samples.channels, *_constants(samples)} - _RELATED
     found = [
         effect
         for effect in map(effects.find, effects.NAMES)
         if not effect_inputs.missing(effect, there)
         and not _RELATED.intersection((*effect.needs, *effect.any_of))
-        and not {"normal_stress", "shear_stress"}.intersection(effect.laws)
-        and not any(parameter.shape for parameter in effect.parameters)
+        and (effect.needs or not STRESSES.intersection(effect.laws))
         and not effects.conflict(file.model, effect)
     ]
     # Parameters of theirs that follow such channels stay at their null.

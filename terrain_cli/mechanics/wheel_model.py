@@ -28,8 +28,10 @@ SOIL: dict[Base, tuple[str, ...]] = {
     "wong-reece": ("cohesion", "tan_phi", "shear_modulus", "stiffness", "sinkage_exponent"),
     "linear": ("cohesion", "tan_phi", "shear_modulus"),
 }
+#: Laws on these are applied node by node along the rim, which is slow where many are differentiated together.
+STRESSES = frozenset({"normal_stress", "shear_stress"})
 #: What the triangular stresses know nothing of: their load is given, not carried by a pressure.
-_NOT_LINEAR = frozenset({"stiffness", "sinkage_exponent", "normal_stress", "shear_stress"})
+_NOT_LINEAR = STRESSES | {"stiffness", "sinkage_exponent"}
 _MEASURED = frozenset({"slip", "load"})  # Their laws turn what is measured into what the soil feels
 DEEPEST = 1.5  # Deepest θ1 for which a sinkage is sought, in rad: a wheel sunk to its axle is stuck
 #: Least values of what a law may have driven through zero.
@@ -310,7 +312,7 @@ class _Block:
             one, peak, two = (value(q[f"{name}_angle"]) for name in ("entry", "max_stress", "exit"))
             reach = np.maximum(one - peak, peak - two) * value(q["shear_radius"]) / value(q["shear_modulus"])
             order = order_for(float(np.max(reach, initial=0.0)))
-        if self.model.changes("normal_stress") or self.model.changes("shear_stress"):
+        if STRESSES.intersection(self.model.changing):
             bends = [self.own[effect][name] for effect, name in self.model.bends]
             load, q["torque"], q["drawbar_pull"] = rim_forces.forces(
                 q, self.wheel.width, self.law, bends=bends, order=order

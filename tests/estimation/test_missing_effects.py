@@ -12,6 +12,7 @@ from simulator import CHANNELS, DRY_SAND, Drive, Sensor, Track, Wheel, base_cont
 import terrain_cli as terrain
 from terrain_cli.effects import find
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.further_unknowns import suspects
 from terrain_cli.estimation.wheel_fit import fit, missing_effects
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
@@ -23,6 +24,7 @@ HIDDEN = {
     "drivetrain-friction": {"Tc": 0.5},
     "sinkage-bias": {"offset": 0.0025},
     "wheel-radius": {"relative_error": 0.05},
+    "load-transfer": {"ratio": 0.3},
 }
 CONTACT = {"max-stress-angle": {"c1": 0.2, "c2": 0.32}}
 
@@ -112,6 +114,19 @@ def test_what_reads_nothing_that_is_there_scores_nothing(monkeypatch):
     monkeypatch.setattr(f"{__name__}.columns", lambda _: table)
     score, _, _ = scored(monkeypatch, "", ["drawbar-bias"])
     assert score == {"drawbar-bias.offset": 0.0}
+
+
+@pytest.mark.parametrize("turning", [False, True])
+def test_what_the_log_can_show_is_tested_but_no_other_law_of_the_soil(turning, windows_of):
+    windows = windows_of()
+    channels = windows.samples.channels
+    if turning:
+        channels = {**channels, "slip_angle": 0.0 * channels["load"]}
+    samples = replace(windows.samples, channels=channels)
+    tested = {effect.id for effect in suspects(estimators.full_model(), replace(windows, samples=samples))[0]}
+    assert tested >= {"drivetrain-friction", "load-transfer", "slip-sinkage"}
+    assert ("side-slip" in tested) == turning
+    assert not tested & {"strength-curvature", "post-peak-softening", "hardpan", "rate-dependence"}
 
 
 @pytest.mark.parametrize("effect", HIDDEN)
@@ -265,6 +280,18 @@ def test_errors_allow_for_a_friction_that_does_not_show():
     # It is the same in all windows: pooled, it does not average out.
     (whole, assumed), (narrow, _) = covariance(found), covariance(without)
     assert assumed[0, 0] >= 0.99 * (whole - narrow)[0, 0]
+
+
+@pytest.mark.parametrize(("share", "wider"), [(0.0, (1.0, 1.01)), (-0.006, (1.3, 2.5))])
+def test_errors_allow_for_an_effect_as_far_as_the_data_speak_for_it(share, wider):
+    table, geometry = dict(columns()), WheelGeometry(WHEEL.radius, WHEEL.width)
+    table["slip"] = 1.0 - (1.0 - table["slip"]) / (1.0 + share)
+    bounds = [0, len(table["time"])]
+    plain, found = (
+        fit(Model(), geometry, table, bounds, suspects=these) for these in ([], [find("wheel-radius")])
+    )
+    assert not found.moved[0]
+    assert wider[0] <= found.strength_se[0] / plain.strength_se[0] < wider[1]
 
 
 @pytest.mark.parametrize(("ends", "wider"), [((1e3, 1e3), (1.0, 1.02)), ((700.0, 1300.0), (1.2, 2.0))])
