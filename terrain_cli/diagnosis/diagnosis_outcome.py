@@ -301,6 +301,11 @@ class Asked:
         model = () if self.model == "wong-reece" else ("--model", self.model)
         return shlex.join(["terrain-est", verb, *self.inputs, *model, *self.options, *further])
 
+    def removed(self, what: Sequence[str]) -> str:
+        """Return the command that takes effects out of the model."""
+        words = ["terrain-est", "model", "remove", self.model, *what, *self.options, "--data", *self.inputs]
+        return shlex.join(words)
+
     def added(self, what: Sequence[str]) -> str:
         """Return the command that adds something to the model, which is a file from then on."""
         made = ""

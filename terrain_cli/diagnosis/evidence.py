@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 from terrain_cli.comparison import Comparison, Finding
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -16,7 +16,8 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     noise_with,
     over_noise,
 )
-from terrain_cli.vocabulary.quantities import listed
+from terrain_cli.mechanics.effect import CERTAIN, Effect, Parameter
+from terrain_cli.vocabulary.quantities import listed, short
 
 #: Effects that change torque and sinkage much as another soil does.
 _LIKE_A_SOIL = {
@@ -63,6 +64,14 @@ class Evidence:
     instead: str = ""  # By a first check: what on fewer soils predicts as well
     fewer: int = 0  # Soils on which the ratios are, where the comparison has more and fits
     impossible: tuple[str, ...] = ()  # Properties of the fitted soil that no soil has, in words
+    # Effects of the model that stand where nature has none, or as far as they can go, and how, in words
+    beyond: Mapping[str, str] = field(default_factory=dict)
+    absent: tuple[
+        str, ...
+    ] = ()  # Effects of the model that the fit takes out: they are at a bound that is their null
+    weak: str = (
+        ""  # What chance does not explain, though it lowers no held-out error: an effect, and how often
+    )
     noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
 
     @classmethod
@@ -89,6 +98,9 @@ class Evidence:
             impossible=comparison.impossible,
             needed=scores is not None and scores.instead is None,
             instead=scores.instead or "" if scores else "",
+            beyond=_beyond(comparison),
+            absent=_absent(comparison),
+            weak=_weak(scores.effects[0], scores.p_value) if scores and scores.idle else "",
         )
 
     @classmethod
@@ -147,6 +159,9 @@ class Evidence:
             impossible=found.comparison.impossible,
             needed=not fewer,
             fewer=found.soils if hidden else 0,
+            beyond=_beyond(found.comparison),
+            absent=_absent(found.comparison),
+            weak=_weak(found.alarm.cause, found.alarm.p_value) if found.alarm.idle else "",
         )
 
     @property
@@ -192,3 +207,42 @@ def _large(comparison: Comparison, finding: Finding) -> bool:
     errors = comparison.channels[finding.channel]
     size = errors.rmse / errors.nrmse if errors.nrmse > 0.0 else 0.0
     return not abs(finding.amplitude) < criteria.SMALLEST_SHARE * size
+
+
+def _weak(cause: str, p_value: float) -> str:
+    return f"{cause} (p {p_value:.2g})"
+
+
+def _beyond(comparison: Comparison) -> dict[str, str]:
+    """Say which effects of the model stand for something else, by where their parameters are."""
+    found = {
+        effect.id: f"{effect.qualified(own)} = {_size(own, value)}, which is its bound"
+        for effect, own, value in _bounded(comparison)
+        if not own.at_null(value)
+    }
+    for effect in comparison.wheels[0].model.effects if comparison.model["effects"] else ():
+        for _, names, value, _ in effect.imitations(comparison.limited, CERTAIN, criteria.DRAFT_LEFT):
+            own = next(one for one in effect.parameters if effect.qualified(one) == names[0])
+            found[effect.id] = f"{' + '.join(names)} = {_size(own, value)}, which is physically impossible"
+    return found
+
+
+def _absent(comparison: Comparison) -> tuple[str, ...]:
+    """Name the effects of the model that do nothing under any wheel, at a bound."""
+    there = [effect.id for effect, own, value in _bounded(comparison) if own.at_null(value)]
+    return tuple(name for name in dict.fromkeys(there) if there.count(name) == len(comparison.wheels))
+
+
+def _bounded(comparison: Comparison) -> Iterator[tuple[Effect, Parameter, float]]:
+    """Yield the parameters at a bound, under each wheel, of those that do not just shape an effect."""
+    for wheel in comparison.wheels if comparison.model["effects"] else ():
+        fit = wheel.fit
+        for effect in wheel.model.effects:
+            for parameter in effect.parameters:
+                own, value = parameter.under(*fit.under), fit.shared.get(effect.qualified(parameter))
+                if value is not None and not own.shape and own.at_bound(value):
+                    yield effect, own, value
+
+
+def _size(own: Parameter, value: float) -> str:
+    return f"{short(value / own.factor)}{f' {own.unit}' * (own.unit != '1')}"

@@ -176,6 +176,9 @@ def _nothing(diagnosis: Diagnosis, seen: str) -> str:
         return f"{seen}No effect explains the misfit."
     if diagnosis.comparison.impossible:
         return "No effect shows beside a soil that is physically impossible."
+    if diagnosis.alarm.idle:
+        cause = diagnosis.alarm.cause
+        return f"What is left follows {cause} more than by chance, but no held-out error falls with it."
     return "The data show no missing effect."
 
 
