@@ -72,6 +72,7 @@ class Size(NamedTuple):
     # Each wheel with its value and standard error, where they differ by more than their errors: then the
     # above are those of no wheel
     wheels: tuple[tuple[str, float, float], ...] = ()
+    bounded: bool = False  # It ran to the end of what it can be, under some wheel
 
 
 @dataclass(frozen=True, kw_only=True)
