@@ -143,6 +143,7 @@ class EffectScores:
     # What predicts as well on fewer soils: an effect, or nothing (empty); None where all soils are needed
     instead: str | None = None
     settles: bool = False  # Without the first effect torque and pull change alike; as measured, they do not
+    idle: bool = False  # The p value is too small for chance, but the first effect lowers no held-out error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +175,15 @@ class Comparison:
         steps = (first.driver, first.shape) == ("time", "step") and not first.alternatives
         end = math.inf if first.until is None and steps else first.until
         return None if end is None else (first.at or 0.0, end)
+
+    @property
+    def limited(self) -> list[tuple[Any, ...]]:
+        """What was fitted to each wheel, as `Effect.imitations` holds it against what nature bounds."""
+        found: list[tuple[Any, ...]] = []
+        for one in self.wheels:
+            used = {name: column[one.windows.rows] for name, column in one.samples.channels.items()}
+            found.append((one.fit.shared, one.fit.shared_covariance, used, one.fit.under))
+        return found
 
     @property
     def doubted(self) -> tuple[str, ...]:

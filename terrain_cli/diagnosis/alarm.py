@@ -292,10 +292,11 @@ def score(
             p_value, first = of_late, late
             order.insert(0, order.pop(order.index(late.id)))
     raised, settles = p_value < criteria.LEVEL, False
+    idle = False
     if first and raised and (close or comparison.doubted):
         fitted = [refits.fitted_anew(wheel, first) for wheel in wheels]
-        shares = printed_shares(wheels, fitted, block)
-        raised = not close or max(shares.values(), default=1.0) >= criteria.SMALLEST_SHARE
+        share = max(printed_shares(wheels, fitted, block).values(), default=1.0)
+        raised, idle = not close or share >= criteria.SMALLEST_SHARE, close and share == 0.0
         settles = effect_sizes.settles_pull(fitted, first)
     return EffectScores(
         p_value=p_value,
@@ -304,6 +305,7 @@ def score(
         unrecorded=unrecorded,
         instead=instead,
         settles=raised and settles,
+        idle=idle,
     )
 
 

@@ -82,13 +82,28 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
             return Conclusion("unexplained", f"{told} Next: {command}", command)
         check = "Check zero and gain of each sensor, and drive over a wider range of load and slip."
         return Conclusion("unexplained", f"{told} {check}")
-    told += ", and the data show no missing effect."
+    if found.beyond:
+        stand = "stand" if len(found.beyond) > 1 else "stands"
+        command = asked.removed([*found.beyond])
+        told += f", but only with {listed([*found.beyond.values()])}: {listed([*found.beyond])} {stand} for "
+        told += f"something else. Take it out to see what is missing. Next: {command}"
+        return Conclusion("unexplained", told, command)
+    if found.weak:
+        told += f". What is left follows {found.weak}, but no held-out error falls with so small an effect: "
+        told += "the noise of load, slip and sinkage hides it. To tell, measure them with less noise."
+    else:
+        told += ", and the data show no missing effect."
     if found.changes:
         needed = ", and no effect predicts as well with fewer soils" * found.needed
         told += f" The soil changes at {_places(found)}{needed}."
     if found.like_a_soil:
         like = listed(found.like_a_soil, "or")
         told += f" Without drawbar pull, {like} would look much like another soil."
+    if found.absent:
+        command = asked.removed(found.absent)
+        what = listed(found.absent)
+        told += f" It fits as well without {what}, of which it has none. Next: {command}"
+        return Conclusion("fits", told, command)
     return Conclusion("fits", told)
 
 

@@ -72,6 +72,7 @@ class Size(NamedTuple):
     # Each wheel with its value and standard error, where they differ by more than their errors: then the
     # above are those of no wheel
     wheels: tuple[tuple[str, float, float], ...] = ()
+    bounded: bool = False  # It ran to the end of what it can be, under some wheel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,6 +301,11 @@ class Asked:
         """Return the command of a verb that only looks at what was asked."""
         model = () if self.model == "wong-reece" else ("--model", self.model)
         return shlex.join(["terrain-est", verb, *self.inputs, *model, *self.options, *further])
+
+    def removed(self, what: Sequence[str]) -> str:
+        """Return the command that takes effects out of the model."""
+        words = ["terrain-est", "model", "remove", self.model, *what, *self.options, "--data", *self.inputs]
+        return shlex.join(words)
 
     def added(self, what: Sequence[str]) -> str:
         """Return the command that adds something to the model, which is a file from then on."""

@@ -8,13 +8,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from terrain_cli.comparison import shapes
 from terrain_cli.comparison.comparison_outcome import UNITS, Driver
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import signatures
+from terrain_cli.diagnosis import driver_range, signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
 from terrain_cli.effects import Effect
 from terrain_cli.effects.laws import effect_file, grammar
@@ -44,6 +45,14 @@ _PART = 0.1
 _OF_SOIL = 0.2  # The same of a property of the soil, as a part of it
 _BEND = 0.3  # Part of a driver's range at which a saturating law has most of its effect
 _PLACES = 81  # Values of a driver at which a step is tried
+#: What a form multiplies by its size, where it has one.
+_MULTIPLIED = {
+    **dict.fromkeys(("linear", "gain"), "{}"),
+    "magnitude": "abs({})",
+    "quadratic": "{}^2",
+    "saturating": "tanh({} / s)",
+}
+_HELD = "typical of the drive that the law was drafted from; c and φ are those there"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +142,7 @@ def screen(
     (n, columns). `values` are the drivers' at the rows, `steps` what `step_of` returns of each.
     """
     shape_of = cache(lambda driver, form, own: _shapes(form, values[driver], steps[driver], own_offset=own))
-    on_or_off = {driver for driver, column in values.items() if _on_or_off(column)}
+    on_or_off = {driver for driver, column in values.items() if driver_range.on_or_off(column)}
     shown = [name for name in SHOWN if name in wheel.measured]
     read = [name for name in _READ if name in channels]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
@@ -171,25 +180,19 @@ def forms(changes: str, driver: str, *, on_or_off: bool) -> Sequence[str]:
     return [form for form in FORMS[1:-1] if gain or form != "gain"]
 
 
-def _on_or_off(column: Array) -> bool:
-    """Whether a driver has two values, of which neither is rare: there, all forms are one."""
-    low, high = np.nanquantile(column, [0.02, 0.98])
-    return bool(high > low and np.isin(column[np.isfinite(column)], (low, high)).all())
-
-
 def _shapes(form: str, column: Array, at: float, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
     """Return the columns of a shape: with a constant where the law has an offset of its own."""
     low, high = (float(v) for v in np.nanquantile(column, [0.02, 0.98]))
     one = np.ones_like(column)
-    size = _size(column)
+    size = driver_range.size(column)
     if form == "periodic":
         return np.stack([np.sin(at * column), np.cos(at * column)], axis=1)
     if form in ("linear", "gain"):
         return np.stack([column / size, one], axis=1) if own_offset else (column / size)[:, None]
     if form == "magnitude":
         return (np.abs(column) / size)[:, None] if low < 0.0 < high else None
-    if form == "quadratic" and own_offset and _far_from_zero(column):
-        _, middle, _, spread = _range(column)
+    if form == "quadratic" and own_offset and driver_range.far_from_zero(column):
+        _, middle, _, spread = driver_range.ends(column)
         away = (column - middle) / spread
         return np.stack([away**2, away, one], axis=1)
     if form == "quadratic":
@@ -201,30 +204,6 @@ def _shapes(form: str, column: Array, at: float, *, own_offset: bool) -> Array |
     if form == "step":
         return np.where(column > at, 1.0, 0.0)[:, None] if high > low else None
     return one[:, None]
-
-
-def _size(column: Array) -> float:
-    """Return how large a driver usually gets; of one that is nearly always 0, how large it is then."""
-    usual = float(np.abs(np.nanquantile(column, [0.02, 0.98])).max())
-    return usual if usual > 0.0 else max(float(np.nanmax(np.abs(column))), 1e-300)
-
-
-def _spread(column: Array) -> float:
-    """Return by how much a driver usually differs from its middle."""
-    low, high = np.nanquantile(column, [0.02, 0.98])
-    return float(0.5 * (high - low)) or _size(column)
-
-
-def _range(column: Array) -> tuple[float, float, float, float]:
-    """Return between which values a driver usually is, their middle, and how far they are from it."""
-    low, high = (float(f"{value:.6g}") for value in np.nanquantile(column, [0.02, 0.98]))
-    return low, 0.5 * (low + high), high, _rounded(_spread(column))
-
-
-def _far_from_zero(column: Array) -> bool:
-    """Whether a driver is never near 0, which is then no natural middle of a law."""
-    low, _, high, spread = _range(column)
-    return low * high > 0.0 and min(abs(low), abs(high)) > spread
 
 
 def usual(changes: str, measured: Array) -> float:
@@ -271,7 +250,7 @@ def step_of(wheel: FittedWheel, driver: str, rows: Index) -> float:
     return float(places[np.argmax(taken)])
 
 
-def write(  # noqa: C901, PLR0915 - one branch for each form
+def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
     changes: str,
     driver: str,
     form: str,
@@ -293,17 +272,19 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
     per = own if of in ("", "1") else f"{own}/{divisor}"
     size = 1.0
     if column is not None:
-        size = _size(column)
+        size = driver_range.size(column)
     read = grammar.written(driver)
     parameters: dict[str, tuple[str, float, float]] = {}
-    bounds: dict[str, tuple[float, float]] = {}
+    further: dict[str, dict[str, Any]] = {}  # Keys of parameters besides
+    factor = _MULTIPLIED.get(form, "")
+    term = f"a * {factor.format(read)}"
     if form == "constant":
         term, parameters["a"] = "a", (own, 0.0, usual)
     elif form in ("linear", "gain"):
-        term, parameters["a"] = f"a * {read}", (per, 0.0, usual / size)
+        parameters["a"] = (per, 0.0, usual / size)
         if shown and column is not None:
             # Of what is never near 0 the slope and the offset are large, and nearly cancel.
-            slope = usual / _spread(column)
+            slope = usual / driver_range.spread(column)
             parameters["a"] = (per, 0.0, slope)
             term, parameters["b"] = f"{term} + b", (own, 0.0, max(usual, slope * size))
     elif form == "periodic":
@@ -311,31 +292,37 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
         term = f"a * sin({turned}) + b * cos({turned})"
         parameters["a"] = parameters["b"] = (own, 0.0, usual)
     elif form == "magnitude":
-        term, parameters["a"] = f"a * abs({read})", (per, 0.0, usual / size)
+        parameters["a"] = (per, 0.0, usual / size)
     elif form == "quadratic":
         squared = own if of in ("", "1") else f"{own}/{divisor}/{divisor}"
-        term, parameters["a"] = f"a * {read}^2", (squared, 0.0, usual / size**2)
-        if shown and column is not None and _far_from_zero(column):
-            low, middle, high, spread = _range(column)
+        parameters["a"] = (squared, 0.0, usual / size**2)
+        if shown and column is not None and driver_range.far_from_zero(column):
+            low, middle, high, spread = driver_range.ends(column)
             term = f"a * ({read} - middle)^2 + b"
             parameters["a"] = (squared, 0.0, usual / spread**2)
-            parameters["middle"], bounds["middle"] = (of or "1", middle, spread), (low, high)
+            parameters["middle"] = (of or "1", middle, spread)
+            further["middle"] = {"lower": low, "upper": high}
             parameters["b"] = (own, 0.0, usual)
     elif form == "saturating":
-        term = f"a * tanh({read} / s)"
         parameters["a"] = (own, 0.0, usual)
-        parameters["s"] = (of or "1", _rounded(_BEND * size), _BEND * size)
+        parameters["s"] = (of or "1", driver_range.rounded(_BEND * size), _BEND * size)
     else:
         term = f"a * where({read} > at, 1, 0)"
         parameters["a"] = (own, 0.0, usual)
         parameters["at"] = (of or "1", float(f"{step:.6g}") or 1e-12, 0.01 * size)
+    if factor and not shown and column is not None and (typical := driver_range.typical(column)):
+        # The soil where the driver is 0 would be an extrapolation, of which no sample tells.
+        term = f"a * ({factor.format(read)} - {factor.format('typical')})"
+        parameters["a"] = (parameters["a"][0], 0.0, usual / _change(form, column))
+        parameters["typical"] = (of or "1", typical, driver_range.spread(column))
+        further["typical"] = {"held": _HELD}
     law = f"{changes} + {term}" if shown and form != "gain" else f"{changes} * (1 + {term})"
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
     does = f"varies with {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"
     columns = {driver: unit} if unit and is_column(driver) else {}
     text = _text(
-        name, f"{what} {does}", changes, law, parameters, [driver] if driver else [], columns, bounds
+        name, f"{what} {does}", changes, law, parameters, [driver] if driver else [], columns, further
     )
     try:
         effect = effect_file.parse(text)
@@ -349,15 +336,17 @@ def write(  # noqa: C901, PLR0915 - one branch for each form
     return Draft(changes=changes, driver=driver, form=form, text=text, effect=effect, at=step)
 
 
+def _change(form: str, column: Array) -> float:
+    """Return by how much that which a form multiplies usually differs from its middle."""
+    curve = np.tanh(column / (_BEND * driver_range.size(column))) if form == "saturating" else column
+    return driver_range.spread(column**2 if form == "quadratic" else curve)
+
+
 def _id(changes: str, driver: str, form: str) -> str:
     """Name a draft; of a long driver no more than there is room for."""
     room = LONGEST_NAME - len(f"{changes}-with--{form}")
     follows = f"with-{driver[:room]}" if driver else "offset"
     return re.sub(r"[^a-z0-9]+", "-", f"{changes}-{follows}-{form}".lower()).strip("-")
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.3g}")
 
 
 def _unit(driver: str, unit: str) -> str:
@@ -375,7 +364,7 @@ def _text(
     parameters: Mapping[str, tuple[str, float, float]],
     needs: Sequence[str],
     columns: Mapping[str, str],
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    further: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> str:
     lines = [
         f"id = {toml_files.value(name)}",
@@ -392,8 +381,7 @@ def _text(
             f"[parameters.{parameter}]",
             f"unit = {toml_files.value(unit)}",
             f"null = {toml_files.value(null)}",
-            f"scale = {toml_files.value(_rounded(scale))}",
+            f"scale = {toml_files.value(driver_range.rounded(scale))}",
         ]
-        low_and_high = zip(("lower", "upper"), (bounds or {}).get(parameter, ()), strict=False)
-        lines += [f"{key} = {toml_files.value(bound)}" for key, bound in low_and_high]
+        lines += [f"{key} = {toml_files.value(v)}" for key, v in (further or {}).get(parameter, {}).items()]
     return "\n".join(lines) + "\n"

@@ -24,6 +24,7 @@ def of_refit(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
     places = [(wheel.windows.samples.source, wheel.windows.samples.wheel) for wheel in data.wheels]
     several = len({wheel for _, wheel in places}) < len(places)
     pairs: dict[str, dict[str, list[Known]]] = {}
+    bounded: set[str] = set()
     for place, part, solution in zip(places, data.data, refit.solutions, strict=True):
         covariance, _ = smoothed_fit.covariance(part, solution)
         sought = solution.unknowns
@@ -37,6 +38,8 @@ def of_refit(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
             known = zip(unknown.value(t)[told].tolist(), error[told].tolist(), strict=True)
             of_wheel = pairs.setdefault(unknown.name, {}).setdefault(" ".join(place[not several :]), [])
             of_wheel.extend(known)
+            if unknown.own and any(map(unknown.own.at_bound, unknown.value(t).tolist())):
+                bounded.add(unknown.name)
     sizes = {}
     for name in (name for name in names if name in pairs):
         own_parameter, found = one.model.parameters.get(name), pairs[name]
@@ -45,7 +48,7 @@ def of_refit(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
         value, se = (number / factor for number in (pooled(every) if every else (np.nan, np.nan)))
         wheels = tuple((wheel, own / factor, error / factor) for wheel, own, error in differing(found))
         unit = own_parameter.unit if own_parameter else SOIL_UNITS.get(name, "")
-        sizes[own_parameter.name if own_parameter else name] = Size(value, se, unit, wheels)
+        sizes[own_parameter.name if own_parameter else name] = Size(value, se, unit, wheels, name in bounded)
     return sizes
 
 

@@ -1,8 +1,8 @@
 """What is known of a model on some data, whichever verb found it out."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 from terrain_cli.comparison import Comparison, Finding
@@ -15,7 +15,8 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     noise_with,
     over_noise,
 )
-from terrain_cli.vocabulary.quantities import listed
+from terrain_cli.mechanics.effect import CERTAIN, Effect, Parameter
+from terrain_cli.vocabulary.quantities import listed, short
 
 #: Effects that change torque and sinkage much as another soil does.
 _LIKE_A_SOIL = {
@@ -62,6 +63,12 @@ class Evidence:
     instead: str = ""  # By a first check: what on fewer soils predicts as well
     fewer: int = 0  # Soils on which the ratios are, where the comparison has more and fits
     impossible: tuple[str, ...] = ()  # Properties of the fitted soil that no soil has, in words
+    # Effects of the model that stand where nature has none, or as far as they can go, and how, in words
+    beyond: Mapping[str, str] = field(default_factory=dict)
+    # Effects of the model that the fit takes out: they are at a bound that is their null
+    absent: tuple[str, ...] = ()
+    # What chance does not explain, though it lowers no held-out error: an effect, and how often
+    weak: str = ""
     noise_with: str = ""  # Channels of which the noise is that with an effect, and which one
 
     @classmethod
@@ -78,6 +85,7 @@ class Evidence:
             unrecorded=scores.unrecorded if scores else (),
             needed=scores is not None and scores.instead is None,
             instead=scores.instead or "" if scores else "",
+            weak=_weak(scores.effects[0], scores.p_value) if scores and scores.idle else "",
         )
 
     @classmethod
@@ -126,6 +134,7 @@ class Evidence:
             checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
             needed=not fewer,
             fewer=found.soils if hidden else 0,
+            weak=_weak(found.alarm.cause, found.alarm.p_value) if found.alarm.idle else "",
         )
 
     @property
@@ -174,6 +183,8 @@ def _of_both(comparison: Comparison, refused: tuple[str, ...]) -> dict[str, Any]
         "wheels": len(comparison.wheels),
         "changes": tuple(comparison.soil_changes),
         "impossible": comparison.impossible,
+        "beyond": _beyond(comparison),
+        "absent": _absent(comparison),
     }
 
 
@@ -188,3 +199,42 @@ def _large(comparison: Comparison, finding: Finding) -> bool:
     errors = comparison.channels[finding.channel]
     size = errors.rmse / errors.nrmse if errors.nrmse > 0.0 else 0.0
     return not abs(finding.amplitude) < criteria.SMALLEST_SHARE * size
+
+
+def _weak(cause: str, p_value: float) -> str:
+    return f"{cause} (p {p_value:.2g})"
+
+
+def _beyond(comparison: Comparison) -> dict[str, str]:
+    """Say which effects of the model stand for something else, by where their parameters are."""
+    found = {
+        effect.id: f"{effect.qualified(own)} = {_size(own, value)}, which is its bound"
+        for effect, own, value in _bounded(comparison)
+        if not own.at_null(value)
+    }
+    for effect in comparison.wheels[0].model.effects if comparison.model["effects"] else ():
+        for _, names, value, _ in effect.imitations(comparison.limited, CERTAIN, criteria.DRAFT_LEFT):
+            own = next(one for one in effect.parameters if effect.qualified(one) == names[0])
+            found[effect.id] = f"{' + '.join(names)} = {_size(own, value)}, which is physically impossible"
+    return found
+
+
+def _absent(comparison: Comparison) -> tuple[str, ...]:
+    """Name the effects of the model that do nothing under any wheel, at a bound."""
+    there = [effect.id for effect, own, value in _bounded(comparison) if own.at_null(value)]
+    return tuple(name for name in dict.fromkeys(there) if there.count(name) == len(comparison.wheels))
+
+
+def _bounded(comparison: Comparison) -> Iterator[tuple[Effect, Parameter, float]]:
+    """Yield the parameters at a bound, under each wheel, of those that do not just shape an effect."""
+    for wheel in comparison.wheels if comparison.model["effects"] else ():
+        fit = wheel.fit
+        for effect in wheel.model.effects:
+            for parameter in effect.parameters:
+                own, value = parameter.under(*fit.under), fit.shared.get(effect.qualified(parameter))
+                if value is not None and not own.shape and own.at_bound(value):
+                    yield effect, own, value
+
+
+def _size(own: Parameter, value: float) -> str:
+    return f"{short(value / own.factor)}{f' {own.unit}' * (own.unit != '1')}"

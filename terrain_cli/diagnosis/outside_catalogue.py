@@ -87,6 +87,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             id=draft.effect.id,
             title=draft.effect.title,
             model=Model(model.base, (*model.effects, draft.effect)),
+            fixed={draft.effect.qualified(p): p.null for p in draft.effect.parameters if p.held},
             effects=(draft.effect,),
         )
         written.append((draft, one, _extra(data, driver)))

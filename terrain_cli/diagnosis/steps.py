@@ -332,7 +332,8 @@ def _again(data: Ground, pair: Fitted) -> Fitted:
 def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
     """Put effects whose size is not to be believed behind all others that predict better than the base.
 
-    In front is, of those that predict as well as the first, the one with fewest parameters.
+    In front is, of those that predict as well as the first, one of which no parameter is at its bound, with
+    the fewest of them.
     """
     credible = [
         pair for pair in ranked if refit_ranking.beats(pair[1], base) and not refit_ranking.doubt(data, *pair)
@@ -341,7 +342,7 @@ def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
     if not leading:
         return []
     good = [pair for pair in leading if refit_ranking.as_good(pair[1], leading[0][1])]
-    first = min(good, key=lambda pair: pair[0].free)
+    first = min(good, key=lambda pair: (pair[1].at_bound(pair[0], shape=True), pair[0].free))
     inside = [pair for pair in credible if pair is not first]
     return [first, *inside, *(pair for pair in ranked if pair not in credible and pair is not first)]
 

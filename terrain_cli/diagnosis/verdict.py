@@ -176,6 +176,9 @@ def _nothing(diagnosis: Diagnosis, seen: str) -> str:
         return f"{seen}No effect explains the misfit."
     if diagnosis.comparison.impossible:
         return "No effect shows beside a soil that is physically impossible."
+    if diagnosis.alarm.idle:
+        cause = diagnosis.alarm.cause
+        return f"What is left follows {cause} more than by chance, but no held-out error falls with it."
     return "The data show no missing effect."
 
 
@@ -222,7 +225,9 @@ def sizes_text(one: Candidate, sign: str = " ") -> str:
     known = {name: size for name, size in one.sizes.items() if math.isfinite(size.value)}
     if one.sizes and not known:
         return f"{listed(list(one.sizes))} not determined"
-    return ", ".join(f"{name}{_text(size, sign)}" for name, size in known.items())
+    # What doubts an effect as a whole stands behind all of them.
+    ends = {name: " at its bound" * (size.bounded and not one.doubt) for name, size in known.items()}
+    return ", ".join(f"{name}{_text(size, sign)}{ends[name]}" for name, size in known.items())
 
 
 def _text(size: Size, sign: str) -> str:

@@ -265,12 +265,8 @@ def remark(own: Parameter | None, value: float, *, determined: bool, has_usual_s
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
     """Return the parameters of some effects that are where nature has none, or their sums."""
-    fits = []
-    for one in comparison.wheels:
-        used = {name: column[one.windows.rows] for name, column in one.samples.channels.items()}
-        fits.append((one.fit.shared, one.fit.shared_covariance, used, one.fit.under))
     for effect in file.model.effects:
-        found = effect.imitations(fits, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
+        found = effect.imitations(comparison.limited, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
         for place, names, value, error in found if effect.id in changed else ():
             yield _estimated(comparison.wheels[place], file, names, value, error)
 

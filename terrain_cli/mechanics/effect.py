@@ -179,6 +179,10 @@ class Parameter:
         away = (self.null - value) * self.side
         return away > doubt or (away > 0.0 and self.at_bound(value))
 
+    def at_null(self, value: float) -> bool:
+        """Tell whether a value, SI, is that at which the effect is absent."""
+        return abs(value - self.null) <= _NEAR * self.scale
+
     def at_bound(self, value: float) -> bool:
         """Tell whether a value, SI, is the least or the most that the parameter can be."""
         near = _NEAR * self.scale

@@ -1,5 +1,6 @@
 """Changes of a model: effects added and removed, assumptions of its base lifted and made again."""
 
+import math
 import os
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
@@ -153,7 +154,8 @@ def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Change
 def in_forms(change: Changed) -> list[ModelFile]:
     """Return a changed model, and the same with each effect that it has more in its other form.
 
-    That is chosen by a parameter which is held, at its null value where the file says nothing.
+    That is chosen by a parameter which is held at its null value where the file says nothing, by its upper
+    bound; one without bounds is a number that is known.
     """
     file, _ = change
     named = {
@@ -162,7 +164,11 @@ def in_forms(change: Changed) -> list[ModelFile]:
         if effect.id in change.ids
         for parameter in effect.parameters
     }
-    others = {name: one.upper for name, one in named.items() if one.held and name not in file.fixed}
+    others = {
+        name: one.upper
+        for name, one in named.items()
+        if one.held and math.isfinite(one.upper) and name not in file.fixed
+    }
     return [file, *(replace(file, fixed={**file.fixed, name: value}) for name, value in others.items())]
 
 

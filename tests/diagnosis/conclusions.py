@@ -26,6 +26,7 @@ NO_SOIL = (
     "physically impossible: something is missing that the soil takes up, or a sensor is wrong."
 )
 LOOK = "terrain-est diagnose 'a run.csv' --segments none"
+OUT = "terrain-est model remove wong-reece crust --segments none --data 'a run.csv'"
 NEW = "terrain-est model new model.toml && terrain-est model add model.toml "
 DATA = " --segments none --data 'a run.csv'"
 
@@ -325,6 +326,29 @@ CONCLUSIONS = [
         "no effect explains it.",
         "",
         id="a finding that no effect explains, within the noise",
+    ),
+    pytest.param(
+        evidence(FINE, weak="slope (p 0.002)"),
+        "fits",
+        f"The model fits to within the noise: {SMALLEST}. What is left follows slope (p 0.002), but no "
+        "held-out error falls with so small an effect: the noise of load, slip and sinkage hides it.",
+        "",
+        id="noise, which hides a small effect",
+    ),
+    pytest.param(
+        evidence({**FINE, "drawbar pull": 1.0}, effects=("crust",), absent=("crust",)),
+        "fits",
+        f"{FITS} It fits as well without crust, of which it has none.",
+        OUT,
+        id="noise, with an effect that does nothing",
+    ),
+    pytest.param(
+        evidence(FINE, effects=("crust",), beyond={"crust": "crust.strength = 9 Pa, which is its bound"}),
+        "unexplained",
+        f"The model fits to within the noise: {SMALLEST}, but only with crust.strength = 9 Pa, which is its "
+        "bound: crust stands for something else. Take it out to see what is missing.",
+        OUT,
+        id="noise, with an effect at its bound",
     ),
     pytest.param(
         evidence(FINE, impossible=("a cohesion of -3 kPa",)),

@@ -184,6 +184,23 @@ def test_a_square_is_about_zero_where_the_driver_comes_near_it(column, law):
 
 
 @pytest.mark.parametrize(
+    ("form", "column", "law", "typical"),
+    [
+        ("linear", np.linspace(0.1, 0.3, 50), "(moisture - typical)", 0.2),
+        ("quadratic", np.linspace(21.0, 60.0, 50), "(moisture^2 - typical^2)", 40.0),
+        ("saturating", np.linspace(-9.0, -4.0, 50), "(tanh(moisture / s) - tanh(typical / s))", -6.0),
+        # Of a slope, 0 is no extrapolation.
+        ("linear", np.linspace(-0.2, 0.3, 50), "moisture", None),
+    ],
+)
+def test_a_law_of_the_soil_leaves_it_as_it_is_in_the_middle_of_the_driver(form, column, law, typical):
+    draft = drafted_laws.write("cohesion", "moisture", form, column, usual=0.2)
+    assert draft.effect.laws["cohesion"].text == f"cohesion * (1 + a * {law})"
+    held = {one.name: one.null for one in draft.effect.parameters if one.held}
+    assert held == ({} if typical is None else {"typical": pytest.approx(typical)})
+
+
+@pytest.mark.parametrize(
     ("changes", "driver", "same", "words"),
     [
         ("drawbar_pull", "yaw_rate", (), "drawbar pull varies with yaw rate"),

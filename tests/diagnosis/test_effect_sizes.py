@@ -28,8 +28,14 @@ def test_wheels_are_told_apart_where_their_errors_do_not_explain_the_difference(
     assert effect_sizes.differing({"front": [(1.5, 0.05)], "rear": []}) == []
 
 
-def said(**sizes):
-    return verdict.sizes_text(SimpleNamespace(sizes=sizes), " = ")
+def said(doubt="", **sizes):
+    return verdict.sizes_text(SimpleNamespace(sizes=sizes, doubt=doubt), " = ")
+
+
+def test_a_parameter_at_its_bound_is_marked_unless_the_whole_effect_is():
+    sizes = {"loss": Size(0.51, 0.01, "1"), "length": Size(0.003, 0.0002, "m", bounded=True)}
+    assert said(**sizes) == "loss = 0.51 ± 0.01, length = 0.003 ± 0.0002 m at its bound"
+    assert said("physically impossible", **sizes) == "loss = 0.51 ± 0.01, length = 0.003 ± 0.0002 m"
 
 
 def test_a_mean_that_no_wheel_has_is_not_told():

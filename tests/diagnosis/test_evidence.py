@@ -3,20 +3,23 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from conclusions import ASKED, LOOK
 
 from terrain_cli.diagnosis.conclusion import conclude
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive, UnknownEffect
 from terrain_cli.diagnosis.evidence import Evidence
+from terrain_cli.effects import catalogue
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import Refused
 
 
 def compared_to(channels, **further):
     known = {"blocks": 20, "stretch": None, "doubted": (), "refused": Refused(), "points": False}
     known |= {"soil_count": 0, "soil_changes": [], "wheels": [None], "unsorted": False, "impossible": ()}
-    model = {"base": "wong-reece", "effects": []}
-    return SimpleNamespace(model=model, channels=channels, **{**known, "failures": [], **further})
+    known["model"] = {"base": "wong-reece", "effects": []}
+    return SimpleNamespace(channels=channels, **{**known, "failures": [], **further})
 
 
 @pytest.mark.parametrize(("amplitude", "raised"), [(0.002, False), (-0.002, False), (0.004, True)])
@@ -31,7 +34,7 @@ def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amp
 def diagnosis(*, stretch=None, **known):
     torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
     usual = {
-        "alarm": SimpleNamespace(raised=True, small=False),
+        "alarm": SimpleNamespace(raised=True, small=False, idle=False),
         "unknown": None,
         "together": (),
         "together_or": (),
@@ -109,7 +112,7 @@ def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
     """The jumps that a lag leaves; noise differs by some percent between models that miss nothing."""
     found = SimpleNamespace(
         comparison=compared_to({"torque": SimpleNamespace(noise=4.0, heldout_rmse=heldout)}),
-        alarm=SimpleNamespace(raised=True, small=False),
+        alarm=SimpleNamespace(raised=True, small=False, idle=False),
         verdict="effect",
         unknown=None,
         family=("sensor-lag",),
@@ -148,7 +151,7 @@ def test_an_effect_that_explains_the_misfit_removes_the_doubt_of_a_unit(settles,
     warm.heldout = {"torque": heldout}
     found = SimpleNamespace(
         comparison=compared_to({"torque": torque}, doubted=("the unit of torque", "the unit of load")),
-        alarm=SimpleNamespace(raised=True, small=False),
+        alarm=SimpleNamespace(raised=True, small=False, idle=False),
         verdict="effect",
         unknown=None,
         family=("motor-temperature",),
@@ -161,3 +164,40 @@ def test_an_effect_that_explains_the_misfit_removes_the_doubt_of_a_unit(settles,
         soils=0,
     )
     assert Evidence.of_diagnosis(found).doubted == left
+
+
+@pytest.mark.parametrize(
+    ("effect", "shared", "beyond", "absent"),
+    [
+        # A bound at which the effect does nothing.
+        ("hardpan", {"modulus": 0.0, "top": 0.01}, {}, ("hardpan",)),
+        # One at which it does as much as it can.
+        (
+            "post-peak-softening",
+            {"loss": -0.5, "length": 0.07},
+            {"post-peak-softening": "post-peak-softening.loss = -0.5, which is its bound"},
+            (),
+        ),
+        # Where an effect acts is no size of it.
+        ("post-peak-softening", {"loss": 0.2, "length": 0.5}, {}, ()),
+        (
+            "drivetrain-friction",
+            {"Tc": -0.4},
+            {"drivetrain-friction": "drivetrain-friction.Tc = -0.4 N m, which is physically impossible"},
+            (),
+        ),
+        ("drivetrain-friction", {"Tc": 0.4}, {}, ()),
+    ],
+)
+def test_what_an_effect_of_the_model_came_to_is_told(effect, shared, beyond, absent):
+    values = {f"{effect}.{name}": value for name, value in shared.items()}
+    fit = SimpleNamespace(shared=values, under=(60.0, 0.1))
+    model = Model(effects=(catalogue()[effect],))
+    wheel = SimpleNamespace(model=model, fit=fit)
+    limited = [(values, 1e-4 * np.eye(len(values)), {}, fit.under)]
+    torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
+    named = {"base": "wong-reece", "effects": [effect]}
+    found = Evidence.of_comparison(
+        compared_to({"torque": torque}, scores=None, wheels=[wheel], limited=limited, model=named)
+    )
+    assert (dict(found.beyond), found.absent) == (beyond, absent)

@@ -129,13 +129,15 @@ def test_what_cannot_be_is_never_first_however_plain(monkeypatch):
 
     def fitted(name, loss, free):
         noise = rng.normal(0.0, 1e-3, 20)
-        return SimpleNamespace(id=name, free=free), SimpleNamespace(loss=loss + noise)
+        at_bound = lambda _one, shape: shape and name == "stuck"  # noqa: E731
+        return SimpleNamespace(id=name, free=free), SimpleNamespace(loss=loss + noise, at_bound=at_bound)
 
     base = fitted("", 9.0, 0)[1]
     several = [
         fitted("best", 1.0, 2),
         fitted("driving", 1.0, 1),
         fitted("plain", 1.0, 1),
+        fitted("stuck", 1.0, 0),
         fitted("idle", 9.0, 1),
     ]
     # Of those that predict alike, a thousandth is chance.
@@ -148,7 +150,9 @@ def test_what_cannot_be_is_never_first_however_plain(monkeypatch):
         lambda _data, one, _refit: "physically impossible" * (one.id == "driving"),
     )
     ordered = [one.id for one, _ in steps._in_order(None, base, several)]
-    assert ordered == ["plain", "best", "driving", "idle"]
+    assert ordered == ["plain", "best", "stuck", "driving", "idle"]
+    # One that is all there is comes first, wherever its shape is.
+    assert [one.id for one, _ in steps._in_order(None, base, [several[3], several[4]])] == ["stuck", "idle"]
     assert [one.id for one, _ in steps._in_order(None, base, several[1:2])] == ["driving"]
     assert steps._in_order(None, base, []) == []
 

@@ -12,6 +12,7 @@ from own_effects import CABLE, effect
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.mechanics.dual import seed
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
+from terrain_cli.models import ModelFile, model_change
 
 
 class TestGood:
@@ -39,6 +40,23 @@ class TestGood:
         assert own.parameters[0].null == 100.0
         own = effect_file.load(write(effect("torque", "torque * a", "%", null=100)))
         assert own.parameters[0].null == 1.0
+
+    def test_a_number_that_is_known_is_held(self, write):
+        own = effect_file.load(
+            write(
+                'id = "warm"\ntitle = "Warm"\nneeds = ["motor_temperature"]\nchanges = "torque"\n'
+                'law = "torque * (1 + a * (motor_temperature - usual))"\n'
+                '[parameters.a]\nunit = "1/K"\nnull = 0\nscale = 1e-3\n'
+                '[parameters.usual]\nunit = "K"\nnull = 25\nscale = 10\nheld = "calibrated there"\n'
+            )
+        )
+        a, usual = own.parameters
+        there = [{"motor_temperature": np.array([20.0, 60.0])}]
+        assert (a.idle(there), usual.idle(there)) == ("", "calibrated there")
+        # No search tries it at other values, nor has the effect another form there.
+        assert not usual.shape
+        change = model_change.Changed(ModelFile(model=Model(effects=(own,))), ("warm",))
+        assert len(model_change.in_forms(change)) == 1
 
     def test_several_laws(self, write):
         own = effect_file.load(

@@ -185,6 +185,7 @@ class _Reader:
                     # Of a force or a torque, or of either per angle, speed or kelvin.
                     grows=grows if scale.dimension.powers[0] == 1 else (0.0, 0.0),
                     absolute=True,
+                    held=values.get("held", ""),
                 )
             )
             if not (math.isfinite(parameters[-1].null) and 0.0 < parameters[-1].scale < math.inf):
@@ -283,7 +284,8 @@ class _Reader:
                 self.warnings.append(
                     f"{name}: the law has no slope at its null value, from where its search starts"
                 )
-            parameters.append(replace(parameter, shape=idle and typical[name] and led))
+            shape = idle and typical[name] and led and not parameter.held
+            parameters.append(replace(parameter, shape=shape))
         return replace(effect, parameters=tuple(parameters))
 
 

@@ -71,6 +71,7 @@ _PARAMETER = toml_files.table(
         "lower": _bound,
         "upper": _bound,
         "meaning": _line,
+        "held": _line,
         "reference": _line,
     }
 )
