@@ -209,9 +209,10 @@ class FittedWheel:
     @cached_property
     def record(self) -> smoothed_channels.RecordedWheel:
         """What was measured, without the model."""
-        return smoothed_channels.RecordedWheel(
-            self.channels, self.window, self.group if self.ordered else None
-        )
+        every, rows, group = self.windows.samples.channels, self.windows.rows, self.group
+        chosen = {name: at_rows(every[name], rows) for name in smoothed_channels.SET if name in every}
+        known = {**chosen, **self.channels}
+        return smoothed_channels.RecordedWheel(known, self.window, group if self.ordered else None)
 
     @cached_property
     def one_soil(self) -> tuple[FittedWheel, Index] | None:
