@@ -19,6 +19,10 @@ _PLACE = frozenset({"longitude", "latitude"})  # The place, where x and y do not
 #: Columns that say how far another one scatters, and drive nothing.
 _SCATTER = re.compile(r"(^|[_ ])(std|stdev|stddev|sd|sigma|variance)($|[_ ])", re.IGNORECASE)
 ANGLE = "wheel_angle"  # Angle through which the wheel has turned: what grousers and an eccentric hub follow
+#: What is no cause of a residual that lasts: see `beside`.
+_NO_CAUSE = frozenset({"time", "x", "y", "elevation", *_PLACE, ANGLE, "sinkage"})
+_TELL = 4_000  # Samples that tell whether a residual follows a driver
+_BY_CHANCE = 0.05  # How often chance makes one of all drivers seem to be followed
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
 PARTS = frozenset({"segment"})
 
@@ -67,6 +71,42 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     segment = np.repeat(np.arange(1.0, len(count) + 1.0), count)
     found["segment"] = Driver("segment", "", segment, tuple(str(j + 1) for j in range(len(count))))
     return found
+
+
+def beside(residual: Array, memory: int, drivers: Mapping[str, Driver], smooth: Mapping[str, Array]) -> Array:
+    """Return what is left of a residual without what rises, falls or bends with drivers, by more than chance.
+
+    Drivers are taken one by one, that of the largest share first. Samples are alike for `memory`: so many
+    times fewer are independent. Their number times a share that is chance is χ² of two degrees of freedom,
+    which goes beyond x with the probability exp(−x/2). Channels in `smooth` stand there without their own
+    noise, which is in the residual too. What follows only the clock, the place or a label may be soil that
+    varies, and a sinkage is one of what is predicted.
+    """
+    rows = np.flatnonzero(np.isfinite(residual))
+    rows = rows[:: max(1, len(rows) // _TELL)]
+    tables = {}
+    for name, driver in drivers.items():
+        values = smooth.get(name, driver.values)
+        spread = float(np.nanstd(values[rows])) if np.isfinite(values[rows]).any() else 0.0
+        if not driver.labels and name not in _NO_CAUSE and spread > 0.0:
+            unit = np.nan_to_num((values - np.nanmean(values[rows])) / spread)
+            tables[name] = np.stack([unit, unit**2], axis=1)
+    independent = np.isfinite(residual).sum() / max(memory, 1)
+    least = 2.0 * np.log(max(len(tables), 1) / _BY_CHANCE)
+    taken, left = np.ones((len(residual), 1)), residual
+
+    def without(table: Array) -> Array:
+        return residual - table @ np.linalg.lstsq(table[rows], residual[rows], rcond=None)[0]
+
+    while tables:
+        tried = {name: np.concatenate([taken, table], axis=1) for name, table in tables.items()}
+        sizes = {name: float(np.var(without(table)[rows])) for name, table in tried.items()}
+        best, before = min(sizes, key=lambda name: sizes[name]), float(np.var(left[rows]))
+        if not (before - sizes[best]) * independent > least * before:
+            break
+        taken, left = tried[best], without(tried[best])
+        del tables[best]
+    return left
 
 
 def functions_under_all(name: str, wheels: Iterable[Mapping[str, Array]]) -> tuple[str, ...]:

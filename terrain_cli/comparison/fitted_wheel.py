@@ -147,7 +147,7 @@ class FittedWheel:
         return {name: float(np.nanmean(error**2)) for name, error in left.items()}
 
     def _forget(self) -> None:
-        for name in ("read", "predicted", "residuals", "noise"):
+        for name in ("read", "predicted", "residuals", "noise", "memory"):
             self.__dict__.pop(name, None)
 
     def _lost(self) -> bool:
@@ -305,14 +305,7 @@ class FittedWheel:
         """Noise of the residuals."""
         if self.ordered:
             return residual_noise.of_all(self.residuals, self.group, self.second)
-        table = self.run_under
-        levels = {}
-        for name, error in self.residuals.items():
-            level = residual_noise.of_points(error, self.window, table)
-            if not np.isfinite(level):
-                level = residual_noise.of_neighbours(error, self.window, table)
-            levels[name] = residual_noise.NoiseLevel(level, 0)
-        return levels
+        return residual_noise.of_all_points(self.residuals, self.window, self.run_under)
 
     @cached_property
     def run_under(self) -> Array:
@@ -325,11 +318,17 @@ class FittedWheel:
         time = self.windows.samples.time
         return samples_a_second(None if time is None else time[self.windows.rows])
 
-    @property
+    @cached_property
     def memory(self) -> int:
-        """Samples after which the noise of all channels is another one."""
+        """Samples after which the noise of all channels is another one; what follows a driver is none."""
+        memory = {name: level.forgotten for name, level in self.noise.items()}
+        if any(memory.values()):
+            smooth, every = self.interpolated(smoothed_channels.GAPS), self.drivers
+            left = {n: drivers.beside(self.residuals[n], m, every, smooth) for n, m in memory.items() if m}
+            beside = residual_noise.of_all(left, self.group, self.second)
+            memory = {name: min(level.forgotten, memory[name]) for name, level in beside.items()}
         longest = max(criteria.LONGEST_MEMORY, int(NOISE_LASTS * self.second))
-        return min(max((level.forgotten for level in self.noise.values()), default=0), longest)
+        return min(max(memory.values(), default=0), longest)
 
     @cached_property
     def drivers(self) -> dict[str, Driver]:

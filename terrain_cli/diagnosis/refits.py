@@ -349,7 +349,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
 
 
 #: What a wheel computes once from its parameters.
-_COMPUTED = ("read", "measured", "predicted", "residuals", "noise")
+_COMPUTED = ("read", "measured", "predicted", "residuals", "noise", "memory")
 
 
 def on_wheels(data: Ground, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
