@@ -390,13 +390,3 @@ def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
     assert warning.startswith("wong-reece + acceleration-torque gives a cohesion of -9.5 kPa in 1 of 1 soil")
     assert "an effect is wrong or missing" in warning
     assert told(Kind(seconds=40.0)) == []
-
-
-@pytest.mark.parametrize(("explained", "several", "told"), [(0.0, 1, False), (0.6, 1, True), (0.0, 0, True)])
-def test_a_law_by_which_no_printed_error_falls_does_not_stand(monkeypatch, explained, several, told):
-    """The loss of smoothed channels fell for stiffness that follows acceleration; torque and pull rose."""
-    law = SimpleNamespace(explained=explained)
-    monkeypatch.setattr(steps.outside_catalogue, "verdict", lambda *_: (law, True))
-    ranked = SimpleNamespace(drafts=[], base=None, best=None, several=[None] * several)
-    found = steps.outside_the_catalogue(ranked, steps.Family(), steps.Two())
-    assert found == ((law, True) if told else (None, False))
