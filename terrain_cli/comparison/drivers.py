@@ -1,7 +1,8 @@
 """Drivers: the quantities that the residuals of a wheel may depend on, recorded or derived."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.effect_inputs import WITH_COURSE, sources
-from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.windows.cut_windows import Windows, at_rows
 
@@ -84,29 +85,34 @@ def beside(residual: Array, memory: int, drivers: Mapping[str, Driver], smooth: 
     """
     rows = np.flatnonzero(np.isfinite(residual))
     rows = rows[:: max(1, len(rows) // _TELL)]
-    tables = {}
+    bent: dict[str, Callable[[Index | slice], Array]] = {}
     for name, driver in drivers.items():
         values = smooth.get(name, driver.values)
-        spread = float(np.nanstd(values[rows])) if np.isfinite(values[rows]).any() else 0.0
-        if not driver.labels and name not in _NO_CAUSE and spread > 0.0:
-            unit = np.nan_to_num((values - np.nanmean(values[rows])) / spread)
-            tables[name] = np.stack([unit, unit**2], axis=1)
+        known = values[rows][np.isfinite(values[rows])]
+        if not driver.labels and name not in _NO_CAUSE and len(known) and np.ptp(known) > 0.0:
+            bent[name] = partial(_bent, values, float(np.mean(known)), float(np.std(known)))
+    least = 2.0 * np.log(max(len(bent), 1) / _BY_CHANCE)
     independent = np.isfinite(residual).sum() / max(memory, 1)
-    least = 2.0 * np.log(max(len(tables), 1) / _BY_CHANCE)
-    taken, left = np.ones((len(residual), 1)), residual
-
-    def without(table: Array) -> Array:
-        return residual - table @ np.linalg.lstsq(table[rows], residual[rows], rcond=None)[0]
-
-    while tables:
-        tried = {name: np.concatenate([taken, table], axis=1) for name, table in tables.items()}
-        sizes = {name: float(np.var(without(table)[rows])) for name, table in tried.items()}
-        best, before = min(sizes, key=lambda name: sizes[name]), float(np.var(left[rows]))
-        if not (before - sizes[best]) * independent > least * before:
+    some, taken = residual[rows], [np.ones((len(rows), 1))]
+    left, chosen = float(np.var(some)), []
+    while bent:
+        tables = {name: np.concatenate([*taken, of(rows)], axis=1) for name, of in bent.items()}
+        slopes = {name: np.linalg.lstsq(table, some, rcond=None)[0] for name, table in tables.items()}
+        sizes = {name: float(np.var(some - table @ slopes[name])) for name, table in tables.items()}
+        best = min(sizes, key=lambda name: sizes[name])
+        if not (left - sizes[best]) * independent > least * left:
             break
-        taken, left = tried[best], without(tried[best])
-        del tables[best]
-    return left
+        taken, left, found = [tables[best]], sizes[best], slopes[best]
+        chosen.append(bent.pop(best))
+    if not chosen:
+        return residual
+    whole = [np.ones((len(residual), 1)), *(of(slice(None)) for of in chosen)]
+    return np.asarray(residual - np.concatenate(whole, axis=1) @ found)
+
+
+def _bent(values: Array, middle: float, spread: float, rows: Index | slice) -> Array:
+    unit = np.nan_to_num((values[rows] - middle) / spread)
+    return np.stack([unit, unit**2], axis=1)
 
 
 def functions_under_all(name: str, wheels: Iterable[Mapping[str, Array]]) -> tuple[str, ...]:

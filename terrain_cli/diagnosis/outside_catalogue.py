@@ -224,7 +224,7 @@ def verdict(
         if of_law < criteria.DRAFT_LEFT and not np.isnan(of_effect):
             return None, False
         alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
-        # Nor is it beside effects that hardly take off any of them.
+        # Effects that hardly take off any of them are nothing to tell beside it.
         alone = alone or of_effect <= criteria.RIVAL_WORTH * of_law
         better = "A sensor's error" if tried[0].draft.of_sensor else "A drafted law"
         head = "No effect of the catalogue explains it" if alone else f"{better} predicts better"
