@@ -33,7 +33,7 @@ from simulator import Wheel, undulation  # noqa: E402 - as above
 from window_coverage_study import VEHICLES  # noqa: E402 - as above
 
 from terrain_cli import models  # noqa: E402 - as above
-from terrain_cli.diagnosis import diagnose, diagnosed_log, steps  # noqa: E402 - as above
+from terrain_cli.diagnosis import diagnose, diagnosed_log, refits, steps  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "alarm_study.txt"
@@ -72,7 +72,7 @@ def p_values(seed):
     windows, every = windows_of(seed, effects), list(catalogue().values())
     case = diagnosed_log.Case(file=models.ModelFile(), effects=every, seed=seed, progress=lambda _: None)
     log = diagnosed_log.scores(case, diagnosed_log.soils(case, windows))
-    scores = steps.alarm_of_scores(case, log)
+    scores = steps.alarm_of_scores(case, log, refits.refit(log.data, None))
     alarm = diagnose(windows, models.ModelFile(), effects=every, seed=seed, smallest_share=0.0).alarm
     return scores.p_value, alarm.p_value
 

@@ -1,7 +1,8 @@
 """Drivers: the quantities that the residuals of a wheel may depend on, recorded or derived."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.effect_inputs import WITH_COURSE, sources
-from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.windows.cut_windows import Windows, at_rows
 
@@ -19,6 +20,10 @@ _PLACE = frozenset({"longitude", "latitude"})  # The place, where x and y do not
 #: Columns that say how far another one scatters, and drive nothing.
 _SCATTER = re.compile(r"(^|[_ ])(std|stdev|stddev|sd|sigma|variance)($|[_ ])", re.IGNORECASE)
 ANGLE = "wheel_angle"  # Angle through which the wheel has turned: what grousers and an eccentric hub follow
+#: What is no cause of a residual that lasts: see `beside`.
+_NO_CAUSE = frozenset({"time", "x", "y", "elevation", *_PLACE, ANGLE, "sinkage"})
+_TELL = 4_000  # Samples that tell whether a residual follows a driver
+_BY_CHANCE = 0.05  # How often chance makes one of all drivers seem to be followed
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
 PARTS = frozenset({"segment"})
 
@@ -67,6 +72,47 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     segment = np.repeat(np.arange(1.0, len(count) + 1.0), count)
     found["segment"] = Driver("segment", "", segment, tuple(str(j + 1) for j in range(len(count))))
     return found
+
+
+def beside(residual: Array, memory: int, drivers: Mapping[str, Driver], smooth: Mapping[str, Array]) -> Array:
+    """Return what is left of a residual without what rises, falls or bends with drivers, by more than chance.
+
+    Drivers are taken one by one, that of the largest share first. Samples are alike for `memory`: so many
+    times fewer are independent. Their number times a share that is chance is χ² of two degrees of freedom,
+    which goes beyond x with the probability exp(−x/2). Channels in `smooth` stand there without their own
+    noise, which is in the residual too. What follows only the clock, the place or a label may be soil that
+    varies, and a sinkage is one of what is predicted.
+    """
+    rows = np.flatnonzero(np.isfinite(residual))
+    rows = rows[:: max(1, len(rows) // _TELL)]
+    bent: dict[str, Callable[[Index | slice], Array]] = {}
+    for name, driver in drivers.items():
+        values = smooth.get(name, driver.values)
+        known = values[rows][np.isfinite(values[rows])]
+        if not driver.labels and name not in _NO_CAUSE and len(known) and np.ptp(known) > 0.0:
+            bent[name] = partial(_bent, values, float(np.mean(known)), float(np.std(known)))
+    least = 2.0 * np.log(max(len(bent), 1) / _BY_CHANCE)
+    independent = np.isfinite(residual).sum() / max(memory, 1)
+    some, taken = residual[rows], [np.ones((len(rows), 1))]
+    left, chosen = float(np.var(some)), []
+    while bent:
+        tables = {name: np.concatenate([*taken, of(rows)], axis=1) for name, of in bent.items()}
+        slopes = {name: np.linalg.lstsq(table, some, rcond=None)[0] for name, table in tables.items()}
+        sizes = {name: float(np.var(some - table @ slopes[name])) for name, table in tables.items()}
+        best = min(sizes, key=lambda name: sizes[name])
+        if not (left - sizes[best]) * independent > least * left:
+            break
+        taken, left, found = [tables[best]], sizes[best], slopes[best]
+        chosen.append(bent.pop(best))
+    if not chosen:
+        return residual
+    whole = [np.ones((len(residual), 1)), *(of(slice(None)) for of in chosen)]
+    return np.asarray(residual - np.concatenate(whole, axis=1) @ found)
+
+
+def _bent(values: Array, middle: float, spread: float, rows: Index | slice) -> Array:
+    unit = np.nan_to_num((values[rows] - middle) / spread)
+    return np.stack([unit, unit**2], axis=1)
 
 
 def functions_under_all(name: str, wheels: Iterable[Mapping[str, Array]]) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from terrain_cli.vocabulary.quantities import listed, quantity
 #: small to be reported.
 MOST_SAMPLES = 60_000
 _WORST = 3  # Segments named in a finding
+_MOST_NAMED = 3  # Drivers named beside that of a finding
 
 
 def _precision(wheel: FittedWheel) -> Array:
@@ -320,6 +321,8 @@ def sentence_of(
     text += _where(shape, label, unit)
     if alternatives:
         others = [quantity(other, "").words for other in alternatives]
+        if len(others) > _MOST_NAMED:
+            others[_MOST_NAMED - 1 :] = [f"{len(others) - _MOST_NAMED + 1} further channels"]
         together = f"varied together with {quantity(shape.driver, unit).words}"
         text += f" (or {listed(others, 'or')}, which {together})"
     return f"{text}; the fitted soil hides most of this error" if hidden else text

@@ -146,7 +146,7 @@ class FittedWheel:
 
     def forget(self) -> None:
         """Have what is computed once from the parameters computed anew."""
-        for name in ("read", "measured", "predicted", "residuals", "noise", "_noiseless"):
+        for name in ("read", "measured", "predicted", "residuals", "noise", "memory", "_noiseless"):
             self.__dict__.pop(name, None)
 
     def _lost(self) -> bool:
@@ -205,9 +205,10 @@ class FittedWheel:
     @cached_property
     def record(self) -> smoothed_channels.RecordedWheel:
         """What was measured, without the model."""
-        return smoothed_channels.RecordedWheel(
-            self.channels, self.window, self.group if self.ordered else None
-        )
+        every, rows, group = self.windows.samples.channels, self.windows.rows, self.group
+        chosen = {name: at_rows(every[name], rows) for name in smoothed_channels.SET if name in every}
+        known = {**chosen, **self.channels}
+        return smoothed_channels.RecordedWheel(known, self.window, group if self.ordered else None)
 
     @cached_property
     def one_soil(self) -> tuple[FittedWheel, Index] | None:
@@ -301,14 +302,7 @@ class FittedWheel:
     def noise(self) -> dict[str, residual_noise.NoiseLevel]:
         if self.ordered:
             return residual_noise.of_all(self.residuals, self.group, self.second)
-        table = self.run_under
-        levels = {}
-        for name, error in self.residuals.items():
-            level = residual_noise.of_points(error, self.window, table)
-            if not np.isfinite(level):
-                level = residual_noise.of_neighbours(error, self.window, table)
-            levels[name] = residual_noise.NoiseLevel(level, 0)
-        return levels
+        return residual_noise.of_all_points(self.residuals, self.window, self.run_under)
 
     @property
     def levels(self) -> dict[str, float]:
@@ -326,11 +320,17 @@ class FittedWheel:
         time = self.windows.samples.time
         return samples_a_second(None if time is None else time[self.windows.rows])
 
-    @property
+    @cached_property
     def memory(self) -> int:
-        """Samples after which the noise of all channels is another one."""
+        """Samples after which the noise of all channels is another one; what follows a driver is none."""
+        memory = {name: level.forgotten for name, level in self.noise.items()}
+        if any(memory.values()):
+            smooth, every = self.interpolated(smoothed_channels.GAPS), self.drivers
+            left = {n: drivers.beside(self.residuals[n], m, every, smooth) for n, m in memory.items() if m}
+            beside = residual_noise.of_all(left, self.group, self.second)
+            memory = {name: min(level.forgotten, memory[name]) for name, level in beside.items()}
         longest = max(criteria.LONGEST_MEMORY, int(NOISE_LASTS * self.second))
-        return min(max((level.forgotten for level in self.noise.values()), default=0), longest)
+        return min(max(memory.values(), default=0), longest)
 
     @cached_property
     def drivers(self) -> dict[str, Driver]:

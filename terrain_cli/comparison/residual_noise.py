@@ -176,6 +176,15 @@ def _variogram(residual: Array, group: Index, most: int) -> tuple[Array, Array, 
     return np.array(lags, dtype=float), np.array(gamma), np.array(pairs, dtype=float)
 
 
+def of_all_points(errors: Mapping[str, Array], group: Index, drivers: Array) -> dict[str, NoiseLevel]:
+    """Estimate the noise of steady test points by channel: from repeated ones, else from neighbours."""
+    levels = {}
+    for name, error in errors.items():
+        level = of_points(error, group, drivers)
+        levels[name] = NoiseLevel(level if np.isfinite(level) else of_neighbours(error, group, drivers), 0)
+    return levels
+
+
 def of_points(residual: Array, group: Index, drivers: Array) -> float:
     """Estimate the noise of steady test points from those that were run under the same conditions.
 

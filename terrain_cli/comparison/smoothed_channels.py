@@ -22,6 +22,8 @@ _ANSWERS = {"sinkage": 0.75, "torque": 1.0}
 _MOST_SHARE = 1.5  # Most by which an interpolation is drawn out, as its neighbours flatten what changes fast
 #: Samples left out on either side where channels are first interpolated from their neighbours.
 GAPS = dict.fromkeys(INTERPOLATED, _WAYS[0][0])
+#: Channels that are set beside slip and load where steady test points are run.
+SET = ("slip_angle", "pitch", "roll", "pass_number")
 #: Channels that change pull and torque in proportion, beside slip.
 _CAUSES = ("load", "sinkage", "pitch", "acceleration")
 #: Places between which pull and torque are straight in slip, at most; and samples for each.
@@ -41,9 +43,9 @@ class RecordedWheel:
     def conditions(self, names: Sequence[str]) -> Array:
         """Return under what conditions test points were run, each in the unit of a large difference."""
         columns = []
-        for name in names:
-            if name in self.channels:
-                column = self.channels[name]
+        for name in (*names, *SET):
+            column = self.channels.get(name, np.zeros(0))
+            if np.isfinite(column).any():
                 # A load or sinkage scatters by some percent where it was meant to be the same.
                 size = float(np.nanmax(np.abs(column))) * criteria.LARGE_DIFFERENCE
                 span = float(np.nanmax(column) - np.nanmin(column))

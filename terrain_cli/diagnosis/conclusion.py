@@ -204,7 +204,10 @@ def _undecided(found: Evidence, above: Mapping[str, float], asked: Asked, *, few
 def _more(found: Evidence) -> str:
     if found.unsorted:
         return "The rows are not in the order of time: sort them by it."
-    return "Measure more test points." if found.points else "Record a longer drive."
+    if found.points:
+        return "Measure more test points."
+    times = math.ceil(comparison_criteria.FEWEST_BLOCKS / max(found.blocks, 1))
+    return f"Record a drive at least {times} times as long."
 
 
 def _size(above: Mapping[str, float]) -> str:

@@ -52,13 +52,15 @@ def diagnose(
     ranked = steps.ranking(case, log, base)
     alarm = steps.alarm_of_gain(case, ranked, alarm)
     if not alarm.raised:
-        return _silent(case, ranked.log, ranked.base, alarm)
+        return _silent(case, ranked.log, ranked.base, alarm, ranked)
     family = steps.family(case, ranked)
     two = steps.two_at_once(case, ranked, family)
     law, law_alone = steps.outside_the_catalogue(ranked, family, two)
     full = steps.on_full_stresses(case, ranked, two)
+    # Where nothing stands, the best effect is told with what it explains.
+    nothing = not (law or two.ids or full)
     decision = verdict.decide(
-        family=family.ids,
+        family=family.ids or tuple(one.id for one, _ in ranked.several[:nothing]),
         earned=family.earned,
         clear=family.clear,
         law_alone=law_alone,
@@ -93,10 +95,14 @@ def diagnose(
     )
 
 
-def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnosis:
-    """Say that nothing shows; of few data also what they speak for."""
-    several = steps.refitted(case, log) if log.data.blocks < comparison_criteria.FEWEST_BLOCKS else []
-    candidates, heldout = table_of(log, base, several, ()), as_it_is(log) if several else {}
+def _silent(
+    case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm, ranked: steps.Ranked | None = None
+) -> Diagnosis:
+    """Say that nothing shows; of few data, and of effects that are `ranked`, also what they speak for."""
+    few = log.data.blocks < comparison_criteria.FEWEST_BLOCKS
+    several = ranked.several if ranked else steps.refitted(case, log) if few else []
+    candidates = table_of(log, base, several, (), ranked.first_anew if ranked else ())
+    heldout = as_it_is(log) if several else {}
     return _told(case, log, alarm, (), verdict="none", candidates=candidates, heldout=heldout)
 
 

@@ -107,7 +107,9 @@ class Evidence:
         passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
         leaves = first is not None and leaves_much(found.comparison, found.heldout, first)
         settled = first is not None and first.settles and not leaves
-        likely = [(one.explained, one.effect) for one in credible if one.explained > criteria.STEPS_SHARE]
+        # A score says of a large misfit what an effect would take off it, were that small.
+        fitted = [one for one in credible if one.refitted] or credible
+        likely = [one for one in fitted if one.explained > criteria.STEPS_SHARE]
         taken = [one.explained for one in found.candidates if one.effect in family]
         # Nor is a drive worth while that only tells what explains it from what does not.
         drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
@@ -122,7 +124,7 @@ class Evidence:
             family=family,
             share=max(taken, default=law.explained if law and not law.begins else math.nan),
             leaves=leaves,
-            closest=max(likely)[1] if likely else "",
+            closest=max(likely, key=lambda one: one.explained).effect if likely else "",
             together=found.together,
             together_or=found.together_or,
             law=law.law if law else "",

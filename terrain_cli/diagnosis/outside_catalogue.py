@@ -188,7 +188,7 @@ def same_drivers(data: Ground, driver: str) -> tuple[str, ...]:
 
 
 def verdict(
-    share: Callable[[Tried], float],
+    share: Callable[[Tried | None], float],
     base: Refit,
     effect: Refit,
     tried: Sequence[Tried],
@@ -199,7 +199,8 @@ def verdict(
 ) -> tuple[UnknownEffect | None, bool]:
     """Return a draft that predicts better than every effect, and whether it stands alone.
 
-    `share` is that of the errors which a draft takes off, NaN where none is more than noise.
+    `share` is that of the printed errors which a draft, or else the best effect, takes off; NaN where none is
+    more than noise.
     `same` are the drivers of which that of the draft is a function. Where a `pair` of effects predicts as
     well as the draft, what is missing may be in the catalogue, though not all of it in one effect. `rival` is
     the draft of a sensor that predicts as well as the first of the family.
@@ -217,24 +218,30 @@ def verdict(
         # What follows a column that is no channel, no effect of the catalogue can follow.
         much = much or not CHANNELS.keys() >= {*sources(tried[0].draft.driver or "time")}
         matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
+        # A loss of smoothed channels may fall where the errors that every verb prints do not.
+        of_law, of_effect = share(tried[0]), share(None)
+        if of_law < criteria.DRAFT_LEFT and not np.isnan(of_effect):
+            return None, False
         alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
+        # Effects that hardly take off any of them are nothing to tell beside it.
+        alone = alone or of_effect <= criteria.RIVAL_WORTH * of_law
         better = "A sensor's error" if tried[0].draft.of_sensor else "A drafted law"
         head = "No effect of the catalogue explains it" if alone else f"{better} predicts better"
-        return _told(share, base, tried[0], misfit, head, same), alone
+        return _told(of_law, base, tried[0], misfit, head, same), alone
     if rival is not None and misfit > 0.0:
-        return _told(share, base, rival, misfit, "A sensor's error predicts as well"), False
+        return _told(share(rival), base, rival, misfit, "A sensor's error predicts as well"), False
     return None, False
 
 
 def _told(
-    share: Callable[[Tried], float],
+    explained: float,
     base: Refit,
     one: Tried,
     misfit: float,
     head: str,
     same: Sequence[str] = (),
 ) -> UnknownEffect:
-    draft, explained = one.draft, share(one)
+    draft = one.draft
     if np.isnan(explained):
         explained = float(np.clip((base.loss - one.refit.loss).sum() / misfit, 0.0, 1.0))
     channel = draft.changes if draft.changes in drafted_laws.SENSED else _channel(base, one)

@@ -1,5 +1,6 @@
 """The steps of a diagnosis from the alarm on, as docs/diagnose-method.md numbers them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -260,8 +261,12 @@ def outside_the_catalogue(ranked: Ranked, found: Family, two: Two) -> tuple[Unkn
     same = outside_catalogue.same_drivers(ranked.data, ranked.drafts[0].draft.driver) if ranked.drafts else ()
     pair = two.fitted[0][1] if two.fitted else None
 
-    def share(one: outside_catalogue.Tried) -> float:
-        wheels = [refits.fitted_anew(wheel, one.hypothesis) for wheel in ranked.data.wheels]
+    def share(one: outside_catalogue.Tried | None) -> float:
+        first = one.hypothesis if one else ranked.several[0][0] if ranked.several else None
+        if first is None:
+            return math.nan
+        wheels = [] if one else ranked.first_anew
+        wheels = wheels or [refits.fitted_anew(wheel, first) for wheel in ranked.data.wheels]
         return share_taken(ranked.log.comparison, as_it_is(ranked.log), held_out_errors(ranked.log, wheels))
 
     return outside_catalogue.verdict(

@@ -110,9 +110,9 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
 def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     """Say what remains of several effects, or of one that is not sure."""
     most = max((one.explained for one in diagnosis.candidates if one.in_family), default=math.nan)
-    if diagnosis.comparison.stretch is not None and most <= criteria.STEPS_SHARE:
-        return f"No effect explains most of it: {listed(diagnosis.family, 'or')} at most {most:.0%}."
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
+    if most <= criteria.STEPS_SHARE and not diagnosis.together:
+        return f"No effect explains most of it: {listed(diagnosis.family, 'or')} at most {most:.0%}.{better}"
     told = _told(first)
     doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
     named = {name: f"{name} ({doubts[name]})" if name in doubts else name for name in diagnosis.family[1:]}

@@ -41,7 +41,8 @@ def verdict(step: Step) -> str:
         return f"{what} {'added' if step.kept else 'worth adding'}: {found(step)}"
     if step.better or (step.fell and step.evidence.overall.high < 1.0):
         return f"{kept}: {found(step)}"
-    uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
+    smaller = step.evidence.overall.value * (1.0 + criteria.LEAST_CHANGE) < 1.0
+    uncertain = " significantly" if smaller else ""
     partly = " overall" if step.fell else uncertain
     return f"the held-out error did not fall{partly}: {kept} ({found(step)})"
 

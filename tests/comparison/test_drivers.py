@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from known_misfits import Kind, windows_of
 
-from terrain_cli.comparison import drivers
+from terrain_cli.comparison import comparison_outcome, drivers, residual_noise
 
 
 def test_what_an_effect_derives_from_the_misfit_is_no_driver():
@@ -39,3 +40,40 @@ def test_pitch_and_roll_are_those_of_the_course():
             np.testing.assert_array_equal(
                 found[name].values, column[windows.rows] * (way if name != "yaw_rate" else 1.0)
             )
+
+
+def lasting(seed, decay=15.0, n=1_000):
+    """Return a series whose correlation falls e times in so many samples."""
+    rng, kept = np.random.default_rng(seed), np.exp(-1.0 / decay)
+    noise = rng.normal(size=n) * np.sqrt(1.0 - kept**2)
+    series = [rng.normal()]
+    for one in noise[1:]:
+        series.append(kept * series[-1] + one)
+    return np.array(series)
+
+
+def driver(name, values):
+    return comparison_outcome.Driver(name, "", values)
+
+
+@pytest.mark.parametrize("seed", range(78_957_010, 78_957_015))
+def test_what_follows_a_rough_load_is_no_noise_that_lasts(seed):
+    """A pull that heaps of soil take looked like noise of a second: 50 s were four independent stretches."""
+    load, speed = lasting(seed), lasting(seed + 100)
+    every = {"load": driver("load", load), "velocity": driver("velocity", speed)}
+    white = np.random.default_rng(seed).normal(size=1_000)
+    group = np.zeros(1_000, dtype=np.intp)
+    misfit = 3.0 * load + load**2 + white
+    assert residual_noise.of_series(misfit, group, 20.0).forgotten > 15
+    left = drivers.beside(misfit, 25, every, {})
+    assert residual_noise.of_series(left, group, 20.0).forgotten == 0
+    assert np.std(left) == pytest.approx(1.0, abs=0.1)
+    # Noise of its own that lasts remains, whatever it has in common with drivers by chance.
+    noise = lasting(seed + 200) + 0.3 * white
+    assert drivers.beside(noise, 25, every, {}) is noise
+
+
+def test_what_follows_the_clock_alone_is_not_taken_off():
+    clock = np.arange(1_000.0)
+    every = {"time": driver("time", clock), "sinkage": driver("sinkage", clock)}
+    assert drivers.beside(clock, 25, every, {}) is clock

@@ -64,6 +64,8 @@ def test_sentences(channel, shape, amplitude, unit, sentence):
 def test_what_varied_alike_is_said():
     text = sentence_of("torque", STEP, 0.9, "", ("time", "motor_temperature"), "1")
     assert text.endswith("(or time or motor temperature, which varied together with slip)")
+    text = sentence_of("torque", STEP, 0.9, "", ("time", "speed", "motor_temperature", "load"), "1")
+    assert text.endswith("(or time, speed or 2 further channels, which varied together with slip)")
 
 
 LINE = Shape(driver="slip", name="linear", at=None, low=0.1, high=0.6, span=1.0)

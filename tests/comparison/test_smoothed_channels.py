@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.comparison import smoothed_channels
+from terrain_cli.comparison import residual_noise, smoothed_channels
 from terrain_cli.comparison.smoothed_channels import from_conditions, from_neighbours
 
 N = 1500
@@ -127,3 +127,22 @@ def test_a_handful_of_test_points_will_do():
     few = slice(0, 9)
     found = from_conditions(PULL[few], {"slip": SLIP[few]}, WINDOW[few])
     assert np.abs(found - PULL[few]).max() < 0.05 * np.ptp(PULL)
+
+
+def test_points_at_another_slip_angle_are_no_repeats():
+    """What a wheel misses that slides sideways would pass for noise."""
+    rng = np.random.default_rng(78_957_001)
+    mixed = rng.permutation(60)
+    slip, angle = np.tile(np.linspace(0.1, 0.6, 6), 10)[mixed], np.repeat([0.0, 0.4], 30)[mixed]
+    columns = {"slip": slip, "load": np.full(60, 20.0), "slip_angle": angle}
+    window = np.zeros(60, dtype=np.intp)
+    drivers = smoothed_channels.RecordedWheel(columns, window, None).conditions(("slip", "load"))
+    left = 0.1 * rng.normal(size=60) + np.where(angle > 0.0, 3.0, 0.0)
+    assert residual_noise.of_points(left, window, drivers) == pytest.approx(0.1, rel=0.3)
+    assert residual_noise.of_points(left, window, drivers[:, :2]) > 1.0
+
+
+def test_a_condition_that_is_nowhere_known_is_none():
+    columns = {"slip": np.linspace(0.1, 0.6, 6), "slip_angle": np.full(6, np.nan)}
+    record = smoothed_channels.RecordedWheel(columns, np.zeros(6, dtype=np.intp), None)
+    assert record.conditions(("slip", "load")).shape == (6, 1)

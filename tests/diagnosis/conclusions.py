@@ -374,7 +374,8 @@ CONCLUSIONS = [
     pytest.param(
         evidence(OFF, blocks=6, verdict="none"),
         "unexplained",
-        UNFIT + "6 independent stretches of data are too few to show why. Record a longer drive.",
+        UNFIT
+        + "6 independent stretches of data are too few to show why. Record a drive at least 2 times as long.",
         "",
         id="few blocks",
     ),
@@ -416,7 +417,8 @@ CONCLUSIONS = [
         evidence(OFF, blocks=3, raised=True),
         "undecided",
         "3 independent stretches of data are too few to tell whether the model misses something. "
-        "The held-out error is 8.6 × the noise in torque and 12 × in sinkage. Record a longer drive.",
+        "The held-out error is 8.6 × the noise in torque and 12 × in sinkage. "
+        "Record a drive at least 3 times as long.",
         "",
         id="too few blocks",
     ),

@@ -31,6 +31,11 @@ def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amp
     assert Evidence.of_comparison(found).raised is raised
 
 
+def candidate(effect, **known):
+    usual = {"doubt": "", "explained": 0.9, "refitted": True, "noise": {}, "settles": False}
+    return SimpleNamespace(effect=effect, **{**usual, **known})
+
+
 def diagnosis(*, stretch=None, **known):
     torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
     usual = {
@@ -74,9 +79,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         verdict="family",
         family=names,
         candidates=[
-            SimpleNamespace(
-                effect=name, doubt=doubt, explained=0.9, heldout={"torque": 1.6}, noise={}, settles=False
-            )
+            candidate(name, doubt=doubt, heldout={"torque": 1.6})
             for name, doubt in zip(names, doubts, strict=True)
         ],
         next_drive=[
@@ -118,16 +121,7 @@ def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
         family=("sensor-lag",),
         together=(),
         together_or=(),
-        candidates=[
-            SimpleNamespace(
-                effect="sensor-lag",
-                doubt="",
-                explained=0.9,
-                heldout={"torque": 2.0},
-                noise={"torque": noise},
-                settles=False,
-            )
-        ],
+        candidates=[candidate("sensor-lag", heldout={"torque": 2.0}, noise={"torque": noise})],
         next_drive=[],
         unrecorded=(),
         heldout={},
@@ -147,8 +141,7 @@ def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
 )
 def test_an_effect_that_explains_the_misfit_removes_the_doubt_of_a_unit(settles, heldout, left):
     torque = SimpleNamespace(noise=1.0, heldout_rmse=5.0)
-    warm = SimpleNamespace(effect="motor-temperature", doubt="", explained=1.0, noise={}, settles=settles)
-    warm.heldout = {"torque": heldout}
+    warm = candidate("motor-temperature", explained=1.0, settles=settles, heldout={"torque": heldout})
     found = SimpleNamespace(
         comparison=compared_to({"torque": torque}, doubted=("the unit of torque", "the unit of load")),
         alarm=SimpleNamespace(raised=True, small=False, idle=False),
@@ -201,3 +194,20 @@ def test_what_an_effect_of_the_model_came_to_is_told(effect, shared, beyond, abs
         compared_to({"torque": torque}, scores=None, wheels=[wheel], limited=limited, model=named)
     )
     assert (dict(found.beyond), found.absent) == (beyond, absent)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "closest"),
+    [
+        # Of what was fitted the fit counts; a score alone says of every effect that it explains all.
+        ({"slope": 0.12}, ""),
+        ({"slope": 0.7}, "slope"),
+        # Of those that explain as much, the first listed: by their names, it would be the last.
+        ({}, "slope"),
+    ],
+)
+def test_where_the_alarm_is_silent_held_out_data_test_what_explains_most(fitted, closest):
+    candidates = [candidate(n, explained=fitted.get(n, 1.0), refitted=n in fitted) for n in ("slope", "z")]
+    found = diagnosis(verdict="none", family=(), candidates=candidates)
+    found.alarm.raised = False
+    assert Evidence.of_diagnosis(found).closest == closest

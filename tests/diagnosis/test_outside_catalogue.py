@@ -183,3 +183,25 @@ def test_a_soil_that_follows_what_changes_slowly_is_no_soil_in_parts(monkeypatch
     kind = Kind({}, outside="moisture", outside_size=2.0, seconds=100.0)
     found = diagnose(windows_of(78_500_101, kind), ModelFile())
     assert (found.verdict, found.unknown.driver, found.soils) == ("unknown", "moisture", 1)
+
+
+@pytest.mark.parametrize(
+    ("of_law", "of_effect", "family", "told"),
+    [
+        # Stiffness that follows acceleration: the loss fell with the sinkage, torque and pull rose.
+        (0.0, 0.11, (), None),
+        (0.6, 0.5, ("drivetrain-friction",), False),
+        # Effects that were named explained 12 %, and were tried one after the other.
+        (0.6, 0.12, ("drivetrain-friction",), True),
+        # Where no effect was fitted, there is nothing else to tell.
+        (0.0, float("nan"), (), True),
+    ],
+)
+def test_a_law_stands_by_the_errors_that_are_printed(of_law, of_effect, family, told):
+    tried = [drafted("torque", "velocity", "saturating", 100.0, 0.15)]
+    law, alone = outside_catalogue.verdict(
+        lambda one: of_law if one else of_effect, fitted(200.0, 0.4), fitted(105.0, 0.16), tried, family
+    )
+    assert (alone if law else None) == told
+    head = "No effect of the catalogue explains it" if told else "A drafted law predicts better"
+    assert law is None or law.sentence.startswith(head)

@@ -84,16 +84,17 @@ def test_of_a_family_those_of_a_doubtful_size_are_marked():
     )
 
 
-def test_beside_a_stretch_no_effect_is_named_that_explains_little():
+@pytest.mark.parametrize("stretch", [(40.0, 60.0), None])
+def test_no_effect_is_a_probable_cause_that_explains_little(stretch):
     log = diagnosed((0.4, 5.0, 6e-4), "family")
     log.family, log.comparison.stretch, log.candidates[0].explained = (
         ("gear-efficiency", "slope"),
-        (40.0, 60.0),
+        stretch,
         0.09,
     )
-    stretch = "the model predicts 1.6 N m too little torque from 40 s to 60 s"
-    assert verdict.sentence(log, [found("torque", stretch, 0.6)], ["torque"]) == (
-        f"T{stretch[1:]}. No effect explains most of it: gear-efficiency or slope at most 9%."
+    fails = "the model predicts 1.6 N m too little torque from 40 s to 60 s"
+    assert verdict.sentence(log, [found("torque", fails, 0.6)], ["torque"]) == (
+        f"T{fails[1:]}. No effect explains most of it: gear-efficiency or slope at most 9%."
     )
 
 
