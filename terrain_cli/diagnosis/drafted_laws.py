@@ -313,7 +313,6 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
     if factor and not shown and column is not None and (typical := driver_range.typical(column)):
         # The soil where the driver is 0 would be an extrapolation, of which no sample tells.
         term = f"a * ({factor.format(read)} - {factor.format('typical')})"
-        parameters["a"] = (parameters["a"][0], 0.0, usual / _change(form, column))
         parameters["typical"] = (of or "1", typical, driver_range.spread(column))
         further["typical"] = {"held": _HELD}
     law = f"{changes} + {term}" if shown and form != "gain" else f"{changes} * (1 + {term})"
@@ -334,12 +333,6 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
             effect, parameters=tuple(replace(p, shape=p.name == "at" or p.shape) for p in effect.parameters)
         )
     return Draft(changes=changes, driver=driver, form=form, text=text, effect=effect, at=step)
-
-
-def _change(form: str, column: Array) -> float:
-    """Return by how much that which a form multiplies usually differs from its middle."""
-    curve = np.tanh(column / (_BEND * driver_range.size(column))) if form == "saturating" else column
-    return driver_range.spread(column**2 if form == "quadratic" else curve)
 
 
 def _id(changes: str, driver: str, form: str) -> str:

@@ -233,9 +233,10 @@ def _bounded(comparison: Comparison) -> Iterator[tuple[Effect, Parameter, float]
         fit = wheel.fit
         for effect in wheel.model.effects:
             for parameter in effect.parameters:
-                own, value = parameter.under(*fit.under), fit.shared.get(effect.qualified(parameter))
-                if value is not None and not own.shape and own.at_bound(value):
-                    yield effect, own, value
+                own, name = parameter.under(*fit.under), effect.qualified(parameter)
+                sought = name in fit.shared and name in fit.undetermined
+                if sought and not own.shape and own.at_bound(fit.shared[name]):
+                    yield effect, own, fit.shared[name]
 
 
 def _size(own: Parameter, value: float) -> str:

@@ -180,11 +180,14 @@ def test_an_effect_that_explains_the_misfit_removes_the_doubt_of_a_unit(settles,
             (),
         ),
         ("drivetrain-friction", {"Tc": 0.4}, {}, ()),
+        ("sensor-lag", {"sinkage_lag": 0.3, "filtered": 0.0}, {}, ()),
     ],
 )
 def test_what_an_effect_of_the_model_came_to_is_told(effect, shared, beyond, absent):
     values = {f"{effect}.{name}": value for name, value in shared.items()}
-    fit = SimpleNamespace(shared=values, under=(60.0, 0.1))
+    # What is held at a bound is no size of an effect either.
+    held = {"sensor-lag.filtered"}
+    fit = SimpleNamespace(shared=values, under=(60.0, 0.1), undetermined=values.keys() - held)
     model = Model(effects=(catalogue()[effect],))
     wheel = SimpleNamespace(model=model, fit=fit)
     limited = [(values, 1e-4 * np.eye(len(values)), {}, fit.under)]
