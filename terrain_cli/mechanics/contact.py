@@ -136,8 +136,7 @@ class _Rim:
         np.multiply(0.5 * u, front, out=half[0])
         np.subtract(0.5 * (one - two), 0.5 * u * rear, out=half[1])
         square, mixed = half_angle(half)
-        square_of_one, mixed_of_one = half_angle(0.5 * one)
-        s1, c1 = 2.0 * mixed_of_one, 1.0 - 2.0 * square_of_one
+        s1, c1 = np.sin(one), np.cos(one)
         # cos θ − cos θ1 and sin θ1 − sin θ.
         rise, run = 2.0 * s1 * mixed, 2.0 * c1 * mixed
         rise -= 2.0 * c1 * square
