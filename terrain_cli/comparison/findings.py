@@ -88,7 +88,7 @@ class Residuals:
         residuals = {
             name: np.where(known, column[rows], np.nan)
             for name, column in wheel.residuals.items()
-            if name in self.scale
+            if name in self.scale and name in slopes
         }
         return ResidualEvidence(
             residuals=residuals,

@@ -134,7 +134,7 @@ class FittedWheel:
         self.fit = smoothed_fit.as_fit(data, solution, self.fit)
         self.parameters.update(smoothed_fit.parameters(solution))
         after = self._sizes()
-        worse = self.ordered and all(size >= sizes[name] for name, size in after.items())
+        worse = self.ordered and all(after.get(name, np.inf) >= size for name, size in sizes.items())
         if (not astray and residual_noise.worst(after, levels) >= before) or (worse and not lost):
             self.forget()
             self.fit, self.parameters = first

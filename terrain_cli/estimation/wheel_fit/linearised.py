@@ -46,6 +46,7 @@ class Problem:
     noise: Noise
     robust: bool = False
 
+    @_UNDEFINED_ALLOWED
     def predict(
         self,
         data: FitData,
