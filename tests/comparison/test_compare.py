@@ -297,4 +297,4 @@ def test_a_ripple_that_is_found_is_no_noise():
     torque = found.channels["torque"]
     assert torque.noise == pytest.approx(calm, rel=0.1)
     assert torque.heldout_rmse > 2.0 * torque.noise
-    assert found.wheels[0].errors["torque"].noise == pytest.approx(torque.noise, rel=1e-12)
+    assert found.wheels[0].errors["torque"].noise == torque.noise
