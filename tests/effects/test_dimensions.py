@@ -137,7 +137,7 @@ KNOWN = {
 
 def infer(law):
     known = {name: dimensions.parse(unit).dimension for name, unit in KNOWN.items()}
-    return dimensions.infer(grammar.parse(law), law, known)
+    return dimensions.Inference(law, known).of(grammar.parse(law))
 
 
 @pytest.mark.parametrize(
