@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from hidden_drives import Kind, Rover, sized, windows_of
 
+import terrain_cli as terrain
+from terrain_cli import effects
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnose, refit_ranking, refits
 from terrain_cli.estimation.estimators import FitSettings
@@ -29,9 +31,18 @@ def test_a_right_model_leaves_the_noise_also_of_a_channel_of_which_no_level_is_k
         assert error == pytest.approx(wheel.noise[name].deviation, rel=0.1)
 
 
-def over_rough_ground(seed, seconds, effects):
+@pytest.mark.parametrize("seconds", [16.0, 32.0])
+def test_a_model_that_predicts_nothing_where_its_fit_ended_at_first_is_compared(seconds):
+    wrong = Model(effects=tuple(effects.find(name) for name in ("gear-efficiency", "flexible-wheel")))
+    windows = windows_of(2, Kind(sized("bulldozing"), seconds=seconds))
+    errors = terrain.compare(windows, ModelFile(model=wrong)).found.channels
+    assert errors.keys() == {"torque", "drawbar_pull", "sinkage"}
+    assert all(np.isfinite(one.rmse) for one in errors.values())
+
+
+def over_rough_ground(seed, seconds, hidden):
     """Return the windows of a drive whose load is another one from sample to sample, by 15 %."""
-    kind = Kind(effects, share=0.01, seconds=seconds)
+    kind = Kind(hidden, share=0.01, seconds=seconds)
     away = 1.0 + 0.15 * np.random.default_rng(seed).standard_normal(int(seconds * kind.rate) + 1).clip(-3, 3)
     rough = Rover(rough=lambda t: np.interp(t, np.arange(len(away)) / kind.rate, away))
     return windows_of(seed, replace(kind, rover=rough), "none")
