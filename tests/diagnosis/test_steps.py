@@ -11,7 +11,16 @@ from formats import Labels
 from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import diagnose, diagnosed_log, drafted_laws, refits, screening, signatures, steps
+from terrain_cli.diagnosis import (
+    diagnose,
+    diagnosed_log,
+    drafted_laws,
+    driver_range,
+    refits,
+    screening,
+    signatures,
+    steps,
+)
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.estimation.estimators import FitSettings
@@ -296,9 +305,9 @@ def test_where_the_soil_changes_passes_cannot_be_told():
 
 def test_a_driver_that_is_on_or_off_has_one_form():
     flag, both = np.repeat([0.0, 1.0, np.nan], 40), np.repeat([0.0, 1.0, 2.0], 40)
-    assert drafted_laws._on_or_off(flag)
-    assert not drafted_laws._on_or_off(both)
-    assert not drafted_laws._on_or_off(np.zeros(40))
+    assert driver_range.on_or_off(flag)
+    assert not driver_range.on_or_off(both)
+    assert not driver_range.on_or_off(np.zeros(40))
 
 
 @pytest.mark.parametrize("form", drafted_laws.FORMS)
