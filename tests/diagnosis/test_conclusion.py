@@ -4,12 +4,13 @@ import math
 
 import pytest
 from conclusions import AGAIN, ASKED, CONCLUSIONS, DATA, FILE, FINE, LOOK, MISSES, NEW, OFF, UNFIT, evidence
+from unexplained_conclusions import UNEXPLAINED
 
 from terrain_cli.diagnosis.conclusion import conclude
 from terrain_cli.diagnosis.diagnosis_outcome import Asked
 
 
-@pytest.mark.parametrize(("found", "state", "begins", "command"), CONCLUSIONS)
+@pytest.mark.parametrize(("found", "state", "begins", "command"), [*CONCLUSIONS, *UNEXPLAINED])
 def test_the_same_evidence_has_the_same_conclusion(found, state, begins, command):
     told = conclude(found, ASKED)
     assert told.state == state

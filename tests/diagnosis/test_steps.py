@@ -15,7 +15,6 @@ from terrain_cli.diagnosis import (
     diagnose,
     diagnosed_log,
     drafted_laws,
-    driver_range,
     refits,
     screening,
     signatures,
@@ -301,13 +300,6 @@ def test_where_the_soil_changes_passes_cannot_be_told():
     assert found.verdict == "none"
     (passes,) = [one for one in found.not_testable if one.effect == "multi-pass"]
     assert "the soil changes along this drive" in passes.because
-
-
-def test_a_driver_that_is_on_or_off_has_one_form():
-    flag, both = np.repeat([0.0, 1.0, np.nan], 40), np.repeat([0.0, 1.0, 2.0], 40)
-    assert driver_range.on_or_off(flag)
-    assert not driver_range.on_or_off(both)
-    assert not driver_range.on_or_off(np.zeros(40))
 
 
 @pytest.mark.parametrize("form", drafted_laws.FORMS)
