@@ -182,7 +182,7 @@ def forms(changes: str, driver: str, *, on_or_off: bool) -> Sequence[str]:
 
 def _shapes(form: str, column: Array, at: float, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
     """Return the columns of a shape: with a constant where the law has an offset of its own."""
-    low, high = (float(v) for v in np.nanquantile(column, [0.02, 0.98]))
+    low, high = driver_range.limits(column)
     one = np.ones_like(column)
     size = driver_range.size(column)
     if form == "periodic":

@@ -7,27 +7,33 @@ import numpy as np
 from terrain_cli.vocabulary.arrays import Array
 
 
+def limits(column: Array) -> tuple[float, float]:
+    """Return the least and the most that is not rare."""
+    low, high = np.nanquantile(column, [0.02, 0.98])
+    return float(low), float(high)
+
+
 def on_or_off(column: Array) -> bool:
     """Whether a driver has two values, of which neither is rare: there, all forms are one."""
-    low, high = np.nanquantile(column, [0.02, 0.98])
+    low, high = limits(column)
     return bool(high > low and np.isin(column[np.isfinite(column)], (low, high)).all())
 
 
 def size(column: Array) -> float:
     """Return how large a driver usually gets; of one that is nearly always 0, how large it is then."""
-    usual = float(np.abs(np.nanquantile(column, [0.02, 0.98])).max())
+    usual = max(map(abs, limits(column)))
     return usual if usual > 0.0 else max(float(np.nanmax(np.abs(column))), 1e-300)
 
 
 def spread(column: Array) -> float:
     """Return by how much a driver usually differs from its middle."""
-    low, high = np.nanquantile(column, [0.02, 0.98])
-    return float(0.5 * (high - low)) or size(column)
+    low, high = limits(column)
+    return 0.5 * (high - low) or size(column)
 
 
 def ends(column: Array) -> tuple[float, float, float, float]:
     """Return between which values a driver usually is, their middle, and how far they are from it."""
-    low, high = (float(f"{value:.6g}") for value in np.nanquantile(column, [0.02, 0.98]))
+    low, high = (float(f"{value:.6g}") for value in limits(column))
     return low, 0.5 * (low + high), high, rounded(spread(column))
 
 

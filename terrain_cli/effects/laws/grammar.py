@@ -83,7 +83,7 @@ class LawError(ConfigurationError):
     """Something wrong at one place of a law, from `start` to `end`, and the advice what to do about it."""
 
     def __init__(self, problem: str, text: str, start: int, end: int, advice: str = "") -> None:
-        self.problem, self.text, self.start, self.end, self.advice = problem, text, start, end, advice
+        self.problem, self.text, self.start, self.end = problem, text, start, end
         super().__init__(
             f"column {start + 1}: {problem}", hint="\n".join(filter(None, [self.pointer(), advice]))
         )
