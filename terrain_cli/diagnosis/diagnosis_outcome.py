@@ -265,13 +265,20 @@ def leaves_much(comparison: Comparison, before: Mapping[str, float], first: Cand
     """
     noise = {name: first.noise.get(name, one.noise) for name, one in comparison.channels.items()}
     missed, left = (over_noise(comparison, errors, noise) for errors in (before, first.heldout))
-    above = above_noise(left).items()
+    above = beyond_chance(left, comparison.blocks, points=comparison.points).items()
     return any(ratio - 1.0 > criteria.DRAFT_LEFT * (missed[name] - 1.0) for name, ratio in above)
 
 
 def above_noise(ratios: Mapping[str, float]) -> dict[str, float]:
     """Return the ratios that are more than those of noise."""
     return {name: ratio for name, ratio in ratios.items() if ratio > comparison_criteria.ABOVE_NOISE}
+
+
+def beyond_chance(ratios: Mapping[str, float], blocks: int, *, points: bool) -> dict[str, float]:
+    """Return the ratios that are more than those of noise, and of test points than chance gives."""
+    # B pairs of points tell an error with a relative variance of 1/(4 B), and their noise with 1/(2 B).
+    chance = math.exp(criteria.BETTER * math.sqrt(0.75 / max(blocks, 1))) if points else 1.0
+    return above_noise({name: ratio for name, ratio in ratios.items() if ratio > chance})
 
 
 def too_few(blocks: int) -> str:

@@ -11,6 +11,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     Diagnosis,
     Verdict,
     above_noise,
+    beyond_chance,
     leaves_much,
     noise_with,
     over_noise,
@@ -142,9 +143,7 @@ class Evidence:
     @property
     def above(self) -> dict[str, float]:
         """The ratios that are more than those of noise, and of test points than chance gives."""
-        # B pairs of points tell an error with a relative variance of 1/(4 B), and their noise with 1/(2 B).
-        chance = math.exp(criteria.BETTER * math.sqrt(0.75 / max(self.blocks, 1))) if self.points else 1.0
-        return above_noise({name: ratio for name, ratio in self.ratios.items() if ratio > chance})
+        return beyond_chance(self.ratios, self.blocks, points=self.points)
 
     @property
     def misses(self) -> bool:

@@ -99,6 +99,11 @@ def test_an_effect_is_named_at_three_loads_repeated_or_not(asked, effect, repeat
         assert abs(estimated["value"] - size) < max(3.0 * estimated["se"], 0.05)
 
 
+def test_a_name_may_leave_what_so_few_points_leave_by_chance(asked):
+    """Fourteen points know an error and its noise to a third: 1.3 times the noise is no other effect."""
+    assert asked("diagnose", "gear-efficiency", (40.0, 80.0), 1, seed=3)["effect"] == "gear-efficiency"
+
+
 def test_grousers_whose_slip_is_that_of_their_tips_are_told_from_a_gear_by_a_wheel_that_brakes(
     asked, monkeypatch
 ):
