@@ -25,6 +25,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import diagnosis_drives  # noqa: E402 - found through the path above
 import diagnosis_study  # noqa: E402 - as above
+import steady_points_study  # noqa: E402 - as above
 
 from man import criteria_page  # noqa: E402 - as above
 
@@ -32,19 +33,26 @@ RESULT = HERE / "results" / "criteria_study.txt"
 CACHE = HERE.parent / "build" / "criteria_study"
 #: Seeds of the drives: below those that are scored.
 FIRST = 2000
-#: Those that take least time first: nothing hidden, a small effect, a family, a name, a law of no catalogue.
+
+
+def _hidden(effect, size=1.0, course="rich"):
+    return {"section": "effects", "effect": effect, "size": size, "form": "catalogue", "course": course}
+
+
+#: Nothing hidden, small effects, families, names, a law of no catalogue, soils that change, other wheels, test points.
 DRIVES = (
     {"section": "clean", "course": "rich"},
-    {"section": "effects", "effect": "slip-sinkage", "size": 0.5, "form": "catalogue", "course": "poor"},
-    {"section": "effects", "effect": "motor-temperature", "size": 0.5, "form": "catalogue", "course": "rich"},
-    {
-        "section": "effects",
-        "effect": "drivetrain-friction",
-        "size": 2.0,
-        "form": "catalogue",
-        "course": "rich",
-    },
+    _hidden("slip-sinkage", 0.5, "poor"),
+    _hidden("motor-temperature", 0.5),
+    _hidden("drivetrain-friction", 2.0),
     {"section": "outside", "effect": "eccentric"},
+    {"section": "clean", "course": "rich", "noise": "soil-unlabelled"},
+    _hidden("load-transfer", 0.5),
+    {"section": "vehicles", "effect": "gear-efficiency"},
+    _hidden("sinkage-relaxation"),
+    {"section": "points", "effect": "max-stress-angle", "slips": 12, "loads": 2},
+    _hidden("bulldozing", 1.0, "poor-load"),
+    {"section": "points", "effect": "", "slips": 8, "loads": 1},
 )
 #: Seconds of a drive, and noises in turn.
 LENGTH, NOISES = 64.0, ("white", "ar1")
@@ -54,7 +62,7 @@ def drives(number):
     """Return the drives that are diagnosed again and again."""
     for place in range(number):
         one = DRIVES[place % len(DRIVES)]
-        yield {**one, "seed": FIRST + place, "noise": NOISES[place % 2], "length": LENGTH}
+        yield {"noise": NOISES[place % 2], **one, "seed": FIRST + place, "length": LENGTH}
 
 
 def moved(value):
@@ -105,19 +113,29 @@ def run(job):
     """Diagnose a drive as it is, or with a criterion moved."""
     if job["criterion"] is None:
         with noting() as read:
-            one = diagnosis_drives.run(job)
+            one = diagnosed(job)
         one["found"]["read"] = sorted(read)
         return one
     with set_to(job["criterion"], job["value"]):
+        return diagnosed(job)
+
+
+def diagnosed(job):
+    """Return a drive, or a table of test points, with what is said of it."""
+    if job["section"] != "points":
         return diagnosis_drives.run(job)
+    table = (job["seed"], job["slips"], job["loads"], job["effect"], "catalogue")
+    raised, effect, family = steady_points_study.asked(table)
+    verdict = "effect" if effect else "family" if family else "unknown" if raised else "none"
+    return {**job, "found": {"verdict": verdict, "effect": effect, "family": list(family)}}
 
 
 def told(one):
     """Return what a user is told of a drive, in a word or two."""
     found = one["found"]
     if "error" in found:
-        return "error"
-    if found["verdict"] == "unknown":
+        return f"error, {found['error']}"
+    if found["verdict"] == "unknown" and "unknown" in found:
         return f"{found['unknown']['channel']} follows {found['unknown']['driver']}"
     if found["verdict"] == "family":
         return f"one of {', '.join(found['family'])}"
@@ -156,7 +174,8 @@ def table(plain, several):
     yield "do, and not that it does nothing. What only `model add` reads is not tried: nothing is added here."
     yield ""
     for seed, one in as_it_is.items():
-        yield f"drive {seed}: {one.get('effect', 'nothing')} hidden; told: {told(one)}"
+        what = "table" if one["section"] == "points" else "drive"
+        yield f"{what} {seed}: {one.get('effect') or 'nothing'} hidden; told: {told(one)}"
     never, unfinished, silent = [], [], []
     yield ""
     for one in criteria_page.criteria():
