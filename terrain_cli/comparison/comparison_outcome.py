@@ -188,8 +188,16 @@ class Comparison:
     @property
     def doubted(self) -> tuple[str, ...]:
         """Signs and units that are improbable, and that nothing states in rover.toml."""
-        remarks = (one for wheel in self.wheels for one in wheel.samples.remarks)
-        return tuple(dict.fromkeys(one.of for one in remarks if isinstance(one, Doubt) and one.of))
+        return tuple(dict.fromkeys(one.of for one in self._doubts if one.of))
+
+    @property
+    def at_limit(self) -> tuple[str, ...]:
+        """Conditions that leave out the samples in which a sensor is at its limit."""
+        return tuple(dict.fromkeys(one.beyond for one in self._doubts if one.beyond))
+
+    @property
+    def _doubts(self) -> list[Doubt]:
+        return [one for wheel in self.wheels for one in wheel.samples.remarks if isinstance(one, Doubt)]
 
     @property
     def unsorted(self) -> bool:

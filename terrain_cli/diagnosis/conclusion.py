@@ -35,12 +35,13 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
     above = found.above
     few = found.blocks < criteria.BLOCKS_OF_ALARM
-    doubtful = _doubtful(found, asked) if above or found.raised else None
+    limited = _at_limit(found, asked)
+    doubtful = limited or (_doubtful(found, asked) if above or found.raised else None)
     if doubtful or (found.raised and not few and not _refused(found)):
         elsewhere = doubtful or _in_a_stretch(found, asked)
         cause, command = elsewhere or _next(found, asked)
-        if found.verdict is None and known and not above:
-            # A first check alone is no proof where the errors are those of noise.
+        if (limited or found.verdict is None) and known and not above:
+            # Nothing is proved where the errors are those of noise: a first check alone, or a sensor's limit.
             told = f"The model may miss something: {_at_most(known)}, but {cause}. Next: {command}"
             return Conclusion("explained", told, command)
         size = f"with {counted(found.fewer, 'soil')} instead of {found.soils}, " * bool(found.fewer)
@@ -266,6 +267,17 @@ def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
         return None
     settle = "if so, put the line of the note into rover.toml; if not, confirm the unit there"
     return f"{listed(found.doubted)} may be wrong: {settle}", asked.looked("compare")
+
+
+def _at_limit(found: Evidence, asked: Asked) -> tuple[str, str] | None:
+    """Leave out the samples in which a sensor is at its limit: what they miss may pass for noise."""
+    if not found.at_limit:
+        return None
+    channels = listed([one.split()[0].replace("_", " ") for one in found.at_limit])
+    kept = asked
+    for condition in found.at_limit:
+        kept = kept.where(condition)
+    return f"{channels} may be at the limit of a sensor: leave these samples out", kept.looked("compare")
 
 
 def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:

@@ -40,6 +40,7 @@ class Evidence:
     # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
     stretch: tuple[float, float] | None = None
     doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
+    at_limit: tuple[str, ...] = ()  # Conditions that leave out samples in which a sensor is at its limit
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
     share: float = math.nan  # Of the misfit, that any of them, or else a law, explains at the most
@@ -179,6 +180,7 @@ def _of_both(comparison: Comparison, refused: tuple[str, ...]) -> dict[str, Any]
         "refused": tuple(dict.fromkeys((*comparison.refused.names, *refused))),
         "ended": comparison.refused.ended,
         "points": comparison.points,
+        "at_limit": comparison.at_limit,
         "unsorted": comparison.unsorted,
         "soils": comparison.soil_count,
         "wheels": len(comparison.wheels),

@@ -131,13 +131,16 @@ def _block(driven: Array, x: Array, y: Array, stretch: Index) -> tuple[float, fl
 class Doubt(Notice):
     """A remark that says that what was measured is hardly true."""
 
-    __slots__ = ("of",)
+    __slots__ = ("beyond", "of")
 
     of: str  # Such as "the sign of drawbar pull", where a line of rover.toml would settle it; else empty
+    beyond: (
+        str  # Of a sensor at its limit, the condition of the samples below it: "torque < 10.3"; else empty
+    )
 
-    def __new__(cls, text: str, of: str = "") -> Self:
+    def __new__(cls, text: str, of: str = "", beyond: str = "") -> Self:
         self = super().__new__(cls, text)
-        self.of = of
+        self.of, self.beyond = of, beyond
         return self
 
 
@@ -172,6 +175,7 @@ class Suspicion(NamedTuple):
     #: The last two are errors: what no unit makes true, unless the file or rover.toml states the unit;
     #: channels that contradict each other, unless rover.toml does.
     weight: Weight = "odd"
+    beyond: str = ""  # As in `Doubt`
 
 
 def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterable[Suspicion]) -> list[Doubt]:
@@ -187,7 +191,9 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
         if weight != "odd" and not (feed.stated and (feed.asked or weight == "impossible")):
             hint = [f"state its unit in rover.toml, whichever it is; {_if(feed, suspicion)}:", header, *lines]
             raise ImplausibleError(f"{layout.source.path}: {what}", hint="\n".join(hint))
-        if suspicion.mend is None:
+        if suspicion.beyond:
+            told.append(Doubt(f"{what}; leave these out: --where '{suspicion.beyond}'", "", suspicion.beyond))
+        elif suspicion.mend is None:
             told.append(Doubt(f"{what}; check the sensor of {feed.place}"))
         else:
             mending = f"{_if(feed, suspicion)}, {', '.join(lines)} under {header} of rover.toml"
@@ -322,15 +328,15 @@ def limited(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
     def check(e: UnitEvidence) -> Suspicion | None:
         columns = e.columns(name) if name in e.measured else None
         for column in columns or ():
-            for end, beyond in zip((column.max(), column.min()), ("more", "less"), strict=True):
+            for end, never, sign in ((column.max(), "more", "<"), (column.min(), "less", ">")):
                 rest = column[column != end]
                 # What is rounded, or held until the next value comes, has few values everywhere.
                 if end != 0.0 and len(column) - len(rest) >= STUCK and len(np.unique(rest)) > 0.5 * len(rest):
                     share = 1.0 - len(rest) / len(column)
-                    what = (
-                        f"{name} is {end:.4g} in {share:.0%} of the samples, and never {beyond}, as where a"
-                    )
-                    return Suspicion(f"{what} sensor, or what reads it, is at its limit", name)
+                    what = f"{name} is {end:.4g} in {share:.0%} of the samples, and never {never}, as where a"
+                    what += " sensor, or what reads it, is at its limit"
+                    inside = end - 1e-6 * abs(end) if sign == "<" else end + 1e-6 * abs(end)
+                    return Suspicion(what, name, beyond=f"{name} {sign} {inside:.7g}")
         return None
 
     return check

@@ -46,6 +46,21 @@ def test_what_is_doubted_of_a_model_that_fits_is_left_to_the_note():
     assert conclude(evidence(FINE, doubted=DOUBTED), ASKED).state == "fits"
 
 
+@pytest.mark.parametrize(
+    ("ratios", "begins"),
+    [(OFF, MISSES), (FINE, "The model may miss something: the held-out error is at most 1.02 × the noise")],
+)
+@pytest.mark.parametrize("verdict", [None, "none"])
+def test_samples_in_which_a_sensor_is_at_its_limit_are_left_out_first(ratios, begins, verdict):
+    """What they miss of the model may pass for noise: that it fits is no proof."""
+    limits = ("torque < 4.99", "load > 10")
+    told = conclude(evidence(ratios, at_limit=limits, verdict=verdict), ASKED)
+    assert told.sentence.startswith(begins)
+    assert "torque and load may be at the limit of a sensor: leave these samples out." in told.sentence
+    condition = "(torque < 4.99) and (load > 10)"
+    assert told.command == f"terrain-est compare 'a run.csv' --segments none --where '{condition}'"
+
+
 STRETCH = {"raised": True, "tracked": True, "stretch": (40.0, 59.95)}
 
 

@@ -16,7 +16,14 @@ from terrain_cli.models import Refused
 
 
 def compared_to(channels, **further):
-    known = {"blocks": 20, "stretch": None, "doubted": (), "refused": Refused(), "points": False}
+    known = {
+        "blocks": 20,
+        "stretch": None,
+        "doubted": (),
+        "at_limit": (),
+        "refused": Refused(),
+        "points": False,
+    }
     known |= {"soil_count": 0, "soil_changes": [], "wheels": [None], "unsorted": False, "impossible": ()}
     known["model"] = {"base": "wong-reece", "effects": []}
     return SimpleNamespace(channels=channels, **{**known, "failures": [], **further})

@@ -267,6 +267,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
             blocks=20,
             stretch=None,
             doubted=(),
+            at_limit=(),
             refused=Refused(),
             points=False,
             failures=[],
