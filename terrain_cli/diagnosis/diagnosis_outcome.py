@@ -54,7 +54,12 @@ class Hypothesis:
 
         An assumption has no signature. What is late follows no rate where the inputs change faster than that.
         """
-        return bool(self.effects) and not any(effect.remembers for effect in self.effects)
+        return bool(self.effects) and not self.late
+
+    @property
+    def late(self) -> bool:
+        """Whether what is predicted follows what was predicted before."""
+        return any(effect.remembers for effect in self.effects)
 
     @property
     def free(self) -> int:
