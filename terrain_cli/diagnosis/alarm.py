@@ -284,7 +284,8 @@ def score(
     first = next((one for one in scored if one.id in order[:1]), None)
     if first and lowest < criteria.LEVEL and (close or p_value >= criteria.LEVEL):
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.
-        p_value = max(lowest, _of_fitted_gain(ground(), first))
+        of_gain, first = of_fitted_gain(ground(), first)
+        p_value = max(lowest, of_gain)
     if p_value >= criteria.LEVEL:
         testable = [one for one in scored if one.id in found.p_values]
         of_late, late = of_unscored(wheels, block, testable, ground)
@@ -309,10 +310,17 @@ def score(
     )
 
 
-def _of_fitted_gain(data: Ground, first: Hypothesis) -> float:
-    data = refits.with_noise_of(data, refits.refit(data, first))
-    gain = refits.refit(data, None).loss - refits.refit(data, first).loss
-    return at_level(gain)
+def of_fitted_gain(ground: Ground, first: Hypothesis) -> tuple[float, Hypothesis]:
+    """Return how often chance gives what an effect gains once fitted, and its form that gains most.
+
+    One form may gain where another loses: a filter where the wheel has a filter, and no pure delay.
+    """
+    told = []
+    for form in first.forms:
+        data = refits.with_noise_of(ground, refits.refit(ground, form))
+        told.append((at_level(refits.refit(data, None).loss - refits.refit(data, form).loss), form))
+    p_value, best = min(told, key=lambda one: one[0])
+    return min(len(told) * p_value, 1.0), best
 
 
 def of_scores(found: Screened, first: str) -> float:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from terrain_cli.comparison import comparison_criteria
@@ -29,9 +29,23 @@ class Conclusion:
     record: tuple[str, ...] = ()  # Channels that are worth recording
     drive: str = ""  # The drive to take before that command
 
+    @property
+    def lead(self) -> str:
+        """The sentence without the command."""
+        return self.sentence.rpartition(" Next")[0] if self.command else self.sentence
+
 
 def conclude(found: Evidence, asked: Asked) -> Conclusion:
     """Return the conclusion of some evidence; the same for the same, whichever verb collected it."""
+    told = _concluded(found, asked)
+    if not told.command or not asked.piped:
+        return told
+    # Pasted alone, such a command would wait for somebody to type the data.
+    again = f"{told.lead} Next, with the same data on standard input: {told.command}"
+    return replace(told, sentence=again)
+
+
+def _concluded(found: Evidence, asked: Asked) -> Conclusion:
     known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
     above = found.above
     few = found.blocks < criteria.BLOCKS_OF_ALARM

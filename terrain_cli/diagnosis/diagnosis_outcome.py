@@ -54,7 +54,12 @@ class Hypothesis:
 
         An assumption has no signature. What is late follows no rate where the inputs change faster than that.
         """
-        return bool(self.effects) and not any(effect.remembers for effect in self.effects)
+        return bool(self.effects) and not self.late
+
+    @property
+    def late(self) -> bool:
+        """Whether what is predicted follows what was predicted before."""
+        return any(effect.remembers for effect in self.effects)
 
     @property
     def free(self) -> int:
@@ -239,13 +244,14 @@ def share_taken(
 ) -> float:
     """Return the part of the held-out errors beyond the noise that a model takes off.
 
-    `before` are the errors of the model as it is, where they are not those of the comparison. NaN where no
-    error is more than noise, or the noise is not known.
+    `before` are the errors of the model as it is, where they are not those of the comparison. NaN where
+    neither model has an error that is more than noise, or the noise is not known.
     """
     first, last = (over_noise(comparison, errors, noise) for errors in (before, after))
     above = above_noise(first)
     if not after or not above:
-        return math.nan
+        # What leaves more than noise where there was none explains nothing.
+        return 0.0 if after and above_noise(last) else math.nan
     # What fits before and after differs by chance alone.
     compared = [name for name in first if name in above or name in above_noise(last)]
     beyond = [sum(max(each[name] ** 2 - 1.0, 0.0) for name in compared) for each in (first, last)]
@@ -296,6 +302,11 @@ class Asked:
     fresh: str = "model.toml"  # Where a model file may be made
     law: str = "law.toml"  # Where a law may be written
 
+    @property
+    def piped(self) -> bool:
+        """Whether the data came on standard input, which a next command needs anew."""
+        return "-" in self.inputs
+
     def where(self, condition: str) -> Asked:
         """Return the same of the samples that also satisfy a condition."""
         before = dict(zip(self.options, self.options[1:], strict=False)).get("--where")
@@ -323,4 +334,6 @@ class Asked:
             base = () if self.model == "wong-reece" else ("--base", self.model)
             made = shlex.join(["terrain-est", "model", "new", path, *base]) + " && "
         words = ["terrain-est", "model", "add", path, *what, *self.options, "--data", *self.inputs]
-        return made + shlex.join(words)
+        told = made + shlex.join(words)
+        # Of two commands behind one pipe, only one in brackets gets the data.
+        return f"({told})" if made and self.piped else told

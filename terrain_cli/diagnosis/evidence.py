@@ -215,7 +215,8 @@ def _beyond(comparison: Comparison) -> dict[str, str]:
         for effect, own, value in _bounded(comparison)
         if not own.at_null(value)
     }
-    for effect in comparison.wheels[0].model.effects if comparison.model["effects"] else ():
+    every = comparison.wheels[0].model.effects if comparison.model["effects"] else ()
+    for effect in (one for one in every if not one.made_up_by(every)):
         for _, names, value, _ in effect.imitations(comparison.limited, CERTAIN, criteria.DRAFT_LEFT):
             own = next(one for one in effect.parameters if effect.qualified(one) == names[0])
             found[effect.id] = f"{' + '.join(names)} = {_size(own, value)}, which is physically impossible"

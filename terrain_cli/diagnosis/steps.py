@@ -10,6 +10,7 @@ import numpy as np
 from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.comparison import blocks, comparison_criteria
+from terrain_cli.comparison.compare import pooled_noise
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import (
     alarm,
@@ -176,7 +177,7 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
     base = refits.refit(data, None)
     again = processes.each(partial(_again, data), several[: criteria.RIVALS + 2])
     again = sorted(again, key=lambda pair: float(pair[1].loss.sum()))
-    again = _in_order(data, base, again)
+    again = late_as_printed(replace(log, data=data), _in_order(data, base, again))
     rest = [(one, refits.weighed(data, refit)) for one, refit in several[criteria.RIVALS + 2 :]]
     drafts = [
         replace(one, refit=refits.refit(data, one.hypothesis, one.extra, one.refit.solutions))
@@ -276,7 +277,7 @@ def outside_the_catalogue(ranked: Ranked, found: Family, two: Two) -> tuple[Unkn
 
 def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:
     """Find two effects that explain more together than anything else does."""
-    if found.whole:
+    if found.whole or late_takes_most(ranked):
         return Two()
     fitted = pairs.best(ranked.data, ranked.log, ranked.several, case.progress, found.name)
     others = [ranked.best, *(one.refit for one in ranked.drafts[:1])]
@@ -350,6 +351,33 @@ def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
     first = min(good, key=lambda pair: (pair[1].at_bound(pair[0], shape=True), pair[0].free))
     inside = [pair for pair in credible if pair is not first]
     return [first, *inside, *(pair for pair in ranked if pair not in credible and pair is not first)]
+
+
+def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> list[Fitted]:
+    """Put first, where what is late leads, that with which the errors that every verb prints are lowest.
+
+    Smoothed channels lose what changes fast, and so what tells a lag in time from one in distance.
+    """
+    late = [pair for pair in ranked if pair[0].late and not refit_ranking.doubt(log.data, *pair)]
+    if len(late) < 2 or late[0] is not ranked[0]:
+        return ranked
+
+    def size(pair: Fitted) -> float:
+        errors = held_out_errors(log, [refits.fitted_anew(wheel, pair[0]) for wheel in log.data.wheels])
+        return float(np.nansum(np.square([*over_noise(log.comparison, errors).values()])))
+
+    first = min(late, key=size)
+    return [first, *(pair for pair in ranked if pair is not first)]
+
+
+def late_takes_most(ranked: Ranked) -> bool:
+    """Tell whether one that is late leads, and takes most off the errors that every verb prints."""
+    if not ranked.several or not ranked.several[0][0].late:
+        return False
+    log, wheels = ranked.log, [refits.fitted_anew(w, ranked.several[0][0]) for w in ranked.data.wheels]
+    noise = {name: pooled_noise(wheels, name) for name in log.comparison.channels}
+    share = share_taken(log.comparison, as_it_is(log), held_out_errors(log, wheels), noise)
+    return share >= 1.0 - criteria.DRAFT_LEFT
 
 
 def quiet_with(case: Case, ranked: Ranked, one: Hypothesis, refit: Refit) -> bool:

@@ -265,7 +265,8 @@ def remark(own: Parameter | None, value: float, *, determined: bool, has_usual_s
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
     """Return the parameters of some effects that are where nature has none, or their sums."""
-    for effect in file.model.effects:
+    every = file.model.effects
+    for effect in (one for one in every if not one.made_up_by(every)):
         found = effect.imitations(comparison.limited, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
         for place, names, value, error in found if effect.id in changed else ():
             yield _estimated(comparison.wheels[place], file, names, value, error)

@@ -314,6 +314,14 @@ class Effect:
         """The effect, and the same with its laws as others write them."""
         return (self, *(replace(self, laws=laws, others=()) for laws in self.others))
 
+    def made_up_by(self, others: Iterable[Self]) -> bool:
+        """Tell whether a drafted law of the same quantity and channel is there: nature bounds their sum."""
+        return any(
+            other.empirical and other.laws.keys() & self.laws.keys() and {*other.reads} & {*self.reads}
+            for other in others
+            if other.id != self.id
+        )
+
     @property
     def limits(self) -> list[tuple[tuple[str, ...], Parameter | Sum]]:
         """What nature bounds, with the names of the parameters that are added up."""

@@ -9,7 +9,14 @@ from scipy import stats
 
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnose, refits
-from terrain_cli.diagnosis.alarm import missing_effects, of_gain, of_gain_in_most, of_points, printed_shares
+from terrain_cli.diagnosis.alarm import (
+    missing_effects,
+    of_fitted_gain,
+    of_gain,
+    of_gain_in_most,
+    of_points,
+    printed_shares,
+)
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm
 from terrain_cli.models import ModelFile
@@ -115,3 +122,15 @@ def test_what_lowers_no_printed_error_has_no_size(monkeypatch, after, shares):
 def test_what_lowers_no_error_is_no_small_effect(share, small, idle):
     alarm = Alarm(raised=False, p_value=0.0005, level=0.01, share=share, smallest_share=0.003)
     assert (alarm.small, alarm.idle) == (small, idle)
+
+
+def test_a_form_of_a_law_that_gains_counts_though_the_plain_one_loses(monkeypatch):
+    """A filter, where the wheel has one: a pure delay made every held-out error larger."""
+    noise = np.random.default_rng(3).normal(size=20)
+    losses = {None: 10.0 + noise, "delay": 20.0 - noise, "filter": 5.0 - noise}
+    monkeypatch.setattr(refits, "refit", lambda _, one: SimpleNamespace(loss=losses[one]))
+    monkeypatch.setattr(refits, "with_noise_of", lambda data, _: data)
+    p_value, form = of_fitted_gain(None, SimpleNamespace(forms=("delay", "filter")))
+    assert (form, p_value < 0.01) == ("filter", True)
+    p_value, _ = of_fitted_gain(None, SimpleNamespace(forms=("delay",)))
+    assert p_value > 0.01

@@ -29,6 +29,8 @@ def logged(found, hypotheses):
         ({"torque": 4.0}, {"torque": 2.0, "sinkage": 1.0}, 1.0 - 3.0 / 15.0),
         # Where no error is more than noise, there is no share of one.
         ({"torque": 1.0}, {"torque": 0.9, "sinkage": 0.9}, np.nan),
+        # Nor is anything explained by what makes errors as small as noise larger than it.
+        ({"torque": 1.0}, {"torque": 2.0, "sinkage": 0.9}, 0.0),
         ({}, {}, np.nan),
     ],
 )

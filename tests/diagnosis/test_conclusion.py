@@ -180,3 +180,17 @@ def test_a_base_that_is_not_the_usual_one_is_named():
     told = conclude(evidence(OFF, raised=True, verdict="effect", family=("slope",)), asked)
     assert told.command.startswith("terrain-est model new model.toml --base linear && ")
     assert conclude(evidence(OFF), asked).command.endswith("--model linear")
+
+
+def test_a_command_that_needs_standard_input_anew_says_so():
+    """Pasted alone it would wait for the data; two commands behind a pipe get them only in brackets."""
+    piped = Asked(inputs=("-",))
+    told = conclude(evidence(OFF, raised=True), piped)
+    assert told.command == "terrain-est diagnose -"
+    assert told.sentence == f"{told.lead} Next, with the same data on standard input: {told.command}"
+    assert told.lead == conclude(evidence(OFF, raised=True), Asked(inputs=("run.csv",))).lead
+    made = conclude(evidence(OFF, raised=True, verdict="effect", family=("slope",)), piped).command
+    add = "terrain-est model add model.toml slope --data -"
+    assert made == f"(terrain-est model new model.toml && {add})"
+    file = Asked(inputs=("-",), model="rig.toml")
+    assert file.added(["slope"]) == add.replace("model.toml", "rig.toml")

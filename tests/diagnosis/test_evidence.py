@@ -1,6 +1,7 @@
 """What comparisons and diagnoses tell of a model."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -204,6 +205,25 @@ def test_what_an_effect_of_the_model_came_to_is_told(effect, shared, beyond, abs
         compared_to({"torque": torque}, scores=None, wheels=[wheel], limited=limited, model=named)
     )
     assert (dict(found.beyond), found.absent) == (beyond, absent)
+
+
+@pytest.mark.parametrize(
+    ("further", "made_up"),
+    [({}, True), ({"reference": "a paper"}, False), ({"laws": {}}, False), ({"needs": ("load",)}, False)],
+)
+def test_nature_bounds_the_sum_of_an_effect_and_a_drafted_law_of_the_same(further, made_up):
+    """Friction below nothing drives no wheel where a parabola of the same speed is on top of it."""
+    friction = catalogue()["drivetrain-friction"]
+    drafted = {"reference": "empirical: drafted", "needs": ("angular_velocity",), **further}
+    law = replace(friction, id="law", parameters=(), any_of=(), sums=(), **drafted)
+    values = {"drivetrain-friction.Tc": -0.4}
+    fit = SimpleNamespace(shared=values, under=(60.0, 0.1), undetermined=set())
+    wheel = SimpleNamespace(model=SimpleNamespace(effects=(friction, law)), fit=fit)
+    torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
+    known = {"wheels": [wheel], "limited": [(values, 1e-4 * np.eye(1), {}, fit.under)]}
+    known["model"] = {"base": "wong-reece", "effects": [friction.id, law.id]}
+    found = Evidence.of_comparison(compared_to({"torque": torque}, scores=None, **known))
+    assert (not found.beyond) is made_up
 
 
 @pytest.mark.parametrize(

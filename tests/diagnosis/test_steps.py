@@ -395,3 +395,23 @@ def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
     assert warning.startswith("wong-reece + acceleration-torque gives a cohesion of -9.5 kPa in 1 of 1 soil")
     assert "an effect is wrong or missing" in warning
     assert told(Kind(seconds=40.0)) == []
+
+
+def test_of_effects_that_are_late_the_printed_errors_choose(monkeypatch):
+    """Smoothed channels took a distance for a time, of which the errors that are told were twice as large."""
+    lag, length, plain = (SimpleNamespace(id=n, late=n != "plain") for n in ("lag", "length", "plain"))
+    errors = {"lag": 3.0, "length": 1.02, "plain": 1.0}
+    monkeypatch.setattr(steps.refit_ranking, "doubt", lambda *_: "")
+    monkeypatch.setattr(steps.refits, "fitted_anew", lambda _, one: one.id)
+    monkeypatch.setattr(steps, "held_out_errors", lambda _, wheels: {"torque": errors[wheels[0]]})
+    monkeypatch.setattr(steps, "as_it_is", lambda _: {})
+    monkeypatch.setattr(steps, "pooled_noise", lambda *_: 1.0)
+    channels = {"torque": SimpleNamespace(noise=4.0, heldout_rmse=4.0)}
+    data = SimpleNamespace(wheels=[None])
+    log = SimpleNamespace(data=data, comparison=SimpleNamespace(channels=channels))
+    ranked = [(lag, 0), (plain, 0), (length, 0)]
+    assert steps.late_as_printed(log, ranked) == [ranked[2], *ranked[:2]]
+    # Nor do they choose where something else leads.
+    assert steps.late_as_printed(log, [ranked[1], ranked[0], ranked[2]])[0] is ranked[1]
+    for first, most in ((length, True), (lag, False), (plain, False)):
+        assert steps.late_takes_most(SimpleNamespace(several=[(first, 0)], data=data, log=log)) is most

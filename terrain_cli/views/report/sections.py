@@ -121,7 +121,7 @@ def _summary(content: _Content, asked: Asked | None) -> Section:
         text=[f"{usable} {fitted}"],
         points=points,
         parts=[_errors(comparison)],
-        lead=concluded.sentence.removesuffix(f" Next: {concluded.command}"),
+        lead=concluded.lead,
         command=concluded.command or comparison_text.looked_at(concluded, comparison, asked),
     )
 
