@@ -99,12 +99,8 @@ def change(context: click.Context, action: Action) -> None:
         step = replace(step, confirmation=_tried(context, action, before, chosen, given["confirm"]))
     asked_for = action == "remove" or given["keep"]
     step = replace(step, kept=(step.pays and step.confirmed) or asked_for)
-    reason = change_text.reason(step)
     if step.kept:
-        _write(given["file"], step.after, model_history.entry(step, reason))
-    elif not step.pays and step.changed not in step.compared_before.refused.effects:
-        # No verb proposes it again for these data; what another drive did not confirm may be in these.
-        _write(given["file"], before, model_history.refusal(step, reason))
+        _write(given["file"], step.after, model_history.entry(step, change_text.reason(step)))
     asked = comparison_options.repeated(context, given["file"])
     _tell(context, change_text.text(step, asked), change_text.document(step, asked))
 
@@ -190,10 +186,9 @@ def add(context: click.Context, /, **_: Any) -> None:
     judged the effect: data that may have chosen it, stretches that were kept aside (--keep-aside), or
     another drive (--confirm).
 
-    The model is left as it is, unless --keep is given, if the held-out error falls significantly in no
+    FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
     channel, rises in one by more than it falls in others, or falls only with a parameter that is
-    physically impossible (friction that drives the wheel). The reason is printed, and stands in the
-    history of FILE: no verb proposes the effect again for the same data. The exit code is 0.
+    physically impossible (friction that drives the wheel). The reason is printed; the exit code is 0.
     Without --data the effect is added untested, which the history says too.
     """
     given = context.params

@@ -124,12 +124,12 @@ def proof(step: Step, ask: str = "--confirm LOG or --keep-aside SHARE") -> str:
 
 
 def reason(step: Step) -> str:
-    """Say why a change is made, or was tried in vain, for the history of the model."""
+    """Say why a change is made, for the history of the model."""
     if step.action == "remove":
         return f"asked for; {found(step)}"
     proof = step.confirmation
     if proof is None:
-        return f"{'--keep; ' * (step.kept and not step.pays)}{found(step)}"
+        return found(step) if step.pays else f"--keep; {found(step)}"
     told = "confirmed" if proof.pays else "--keep; not confirmed"
     return f"{found(step)}; {told} on {listed(list(proof.sources))}: {found(proof)}"
 
