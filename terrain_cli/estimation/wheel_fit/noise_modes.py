@@ -134,19 +134,13 @@ def widened(
     for sides in others:
         added, added_shared = np.zeros_like(found.own), np.zeros_like(found.shared)
         for noise in sides:
-            there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
+            # Only the second step is with true values of the inputs that go with this noise.
+            there = initial(some, begun.t, begun.common)
+            there.latent[:] = begun.latent
             elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
             common = elsewhere.common - begun.common
             own = elsewhere.t - begun.t - found.gain @ common
-            own = own * _room(np.einsum("waa->wa", found.own), own)
             added += 0.5 * own[:, :, None] * own[:, None, :]
             added_shared += 0.5 * np.outer(common, common)
         found = replace(found, own=found.own + added, shared=found.shared + added_shared)
     return found
-
-
-def _room(variance: Array, way: Array) -> Array:
-    """Return the share of a way that takes no variance above that of the prior, 1, shape (…, 1)."""
-    room = np.sqrt(np.maximum(1.0 - variance, 0.0))
-    share = np.divide(room, np.abs(way), out=np.ones_like(way), where=np.abs(way) > room)
-    return np.asarray(share.min(axis=-1, initial=1.0, keepdims=True))
