@@ -186,7 +186,7 @@ def drifted(share, seconds):
     [
         ("torque", False, lasting, False),
         ("torque", True, lasting, False),
-        ("torque", False, drifted(0.02, 20.0), True),
+        ("torque", False, drifted(0.02, 40.0), True),
         ("torque", True, drifted(0.02, 20.0), True),
         ("sinkage", True, drifted(0.02, 20.0), True),
         ("load", False, drifted(0.02, 20.0), True),
@@ -270,7 +270,7 @@ def test_errors_allow_for_a_friction_that_does_not_show():
         bounds = [0, len(table["time"])]
         return [fit(Model(), geometry, table, bounds, suspects=these) for these in ([], suspects)]
 
-    (plain, clean), (without, found) = fits(0.0), fits(0.03)
+    (plain, clean), (without, found) = fits(0.0), fits(0.04)
     assert not found.moved[0]
     shift = without.values["cohesion"][0] - plain.values["cohesion"][0]
     assert shift > 2.5 * without.errors["cohesion"][0]

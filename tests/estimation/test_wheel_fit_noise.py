@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from wheel_samples import WHEEL, free
 
+from terrain_cli.effects import find as effect_of
 from terrain_cli.estimation.wheel_fit import Noise, fit
 from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
@@ -69,6 +70,28 @@ def test_few_points_know_their_noise_badly_and_their_errors_show_it():
     one = run(truth.measured(1, 0.02), truth.bounds, correlated=False)
     known = run(truth.measured(1, 0.02), truth.bounds, correlated=False, noise=one.noise)
     assert np.all(one.errors["cohesion"] > 1.05 * known.errors["cohesion"])
+
+
+def test_slip_that_hardly_varies_leaves_its_noise_and_so_the_soil_open():
+    """How much of its variation is noise decides on k; the shape of the contact stays as open as before."""
+    from simulator import forces
+
+    truth, step, rng = free(1, 1, 38), np.arange(400), np.random.default_rng(4)
+    slip, depth = 0.25 + 0.02 * np.sin(step / 13.0), 0.018 * (1.0 + 0.3 * np.sin(step / 23.0))
+    felt = [forces(truth.soils[0], WHEEL, z, i) for z, i in zip(depth, slip, strict=True)]
+    channels = {
+        "load": np.array([f.load for f in felt]),
+        "torque": np.array([f.torque for f in felt]),
+        "sinkage": depth,
+        "slip": slip,
+    }
+    channels = {name: x * (1.0 + 0.03 * rng.standard_normal(400)) for name, x in channels.items()}
+    model = Model(effects=(effect_of("max-stress-angle"), effect_of("rear-contact")))
+    options = {"local": model.parameters, "second": 10.0}
+    learnt = fit(model, GEOMETRY, channels, [0, 400], **options)
+    told = fit(model, GEOMETRY, channels, [0, 400], noise=learnt.noise, **options)
+    assert learnt.errors["shear_modulus"] > 1.5 * told.errors["shear_modulus"]
+    assert abs(learnt.phi - truth.phi) < 3.0 * learnt.phi_se
 
 
 def test_errors_do_not_hang_on_the_sides_that_the_axes_of_the_noise_point_to(monkeypatch):

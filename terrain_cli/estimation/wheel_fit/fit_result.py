@@ -275,8 +275,8 @@ def parameters(
         if column < found.at_bound.shape[1]:
             at_bound = at_bound | found.at_bound[:, column]
             told[name] = (width[:, column] < SURELY_TOLD) & known
-            # Of what the data do not tell, they do not tell that either.
-            bounded[name] = (at_bound | (np.abs(there) > FAR)) & told[name]
+            # At a bound is also what the data do not tell; so far out only they can take it.
+            bounded[name] = (at_bound & told[name]) | ((np.abs(there) > FAR) & known)
         undetermined[name] = (found.wide[:, column] > LARGEST_OPEN) | at_bound | ~known
         if name in soil:
             values[name] = unknown.value(there) * blank

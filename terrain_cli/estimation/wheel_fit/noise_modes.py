@@ -13,10 +13,10 @@ import numpy as np
 
 from terrain_cli.estimation.wheel_fit import damped_search
 from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
-from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, initial, inside
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise
 from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
-from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
+from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior
 from terrain_cli.estimation.wheel_fit.window_search import ENOUGH, enough_nodes, settled_search
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -124,29 +124,23 @@ def widened(
 
     To either side, each with half of the weight: to which one an axis points hangs on the last digit, and
     the unknowns do not follow the noise in proportion (the sigma points of Julier & Uhlmann 1997). It does
-    nearly the same with some of the samples as with all. In the end no less is known than beforehand.
+    nearly the same with some of the samples as with all. In the end no less is known than beforehand, along
+    no axis: an unknown that the data leave open limits no other.
     """
     if not others:
         return found
     order = enough_nodes(problem.noise, data)
     some = data.thinned(ENOUGH)
+    own, t = no_wider(found.own, found.t)
+    shared = found.shared
     begun = settled_search(problem, some, initial(some, found.t, found.common), order)
-    for sides in others:
-        added, added_shared = np.zeros_like(found.own), np.zeros_like(found.shared)
-        for noise in sides:
-            there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
-            elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
-            common = elsewhere.common - begun.common
-            own = elsewhere.t - begun.t - found.gain @ common
-            own = own * _room(np.einsum("waa->wa", found.own), own)
-            added += 0.5 * own[:, :, None] * own[:, None, :]
-            added_shared += 0.5 * np.outer(common, common)
-        found = replace(found, own=found.own + added, shared=found.shared + added_shared)
-    return found
-
-
-def _room(variance: Array, way: Array) -> Array:
-    """Return the share of a way that takes no variance above that of the prior, 1, shape (…, 1)."""
-    room = np.sqrt(np.maximum(1.0 - variance, 0.0))
-    share = np.divide(room, np.abs(way), out=np.ones_like(way), where=np.abs(way) > room)
-    return np.asarray(share.min(axis=-1, initial=1.0, keepdims=True))
+    for noise in (noise for sides in others for noise in sides):
+        # A first step is with the true values that went with the other noise, and leads nowhere.
+        there = initial(some, begun.t, begun.common)
+        there.latent[:] = begun.latent
+        ends = settled_search(replace(problem, noise=noise), some, there, order)
+        common = ends.common - begun.common
+        way = ends.t - begun.t - found.gain @ common
+        own = own + 0.5 * way[:, :, None] * way[:, None, :]
+        shared = shared + 0.5 * np.outer(common, common)
+    return replace(found, t=inside(problem.unknowns.local, t), own=no_wider(own, t)[0], shared=shared)
