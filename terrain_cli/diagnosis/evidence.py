@@ -135,7 +135,7 @@ class Evidence:
             small=found.alarm.size if found.alarm.small else "",
             drive=next((one.manoeuvre for one in drives if one.settings), ""),
             # Of a pair it may be several.
-            checks=tuple(dict.fromkeys(o for one in found.next_drive for o in one.check.split(" or ") if o)),
+            checks=tuple(dict.fromkeys(o for one in drives for o in one.check.split(" or ") if o)),
             needed=not fewer,
             fewer=found.soils if hidden else 0,
             weak=_weak(found.alarm.cause, found.alarm.p_value) if found.alarm.idle else "",

@@ -306,11 +306,15 @@ def on_full_stresses(case: Case, ranked: Ranked, two: Two) -> list[Fitted]:
 
 
 def rivals(decision: Decision, members: Sequence[Fitted], listed: Sequence[Candidate]) -> list[Fitted]:
-    """Return what a further drive has to tell apart: no drive is worth while to rule out what is no cause."""
+    """Return what a further drive has to tell apart: the causes, or the one from what is not believed.
+
+    Among several causes no drive is worth while to rule out what is none.
+    """
     idle = hardly_explain(listed) - {*decision.together} if decision.together else set()
     doubted = {one.effect for one in listed if one.doubt}
     left = [pair for pair in members if pair[0].id not in idle]
-    return [pair for pair in left if pair[0].id not in doubted] or left
+    credible = [pair for pair in left if pair[0].id not in doubted]
+    return credible if len(credible) > 1 else left
 
 
 def next_drives(case: Case, ranked: Ranked, members: Sequence[Fitted]) -> list[NextDrive]:

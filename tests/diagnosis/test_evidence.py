@@ -93,6 +93,7 @@ def test_effects_of_a_doubtful_size_explain_nothing():
         next_drive=[
             NextDrive(("slope", "crust"), "drive over firm ground", 0.9, settings={"part": []}),
             NextDrive(("slope", "hardpan"), "no drive tells", 0.1, check="weigh it"),
+            NextDrive(("slope", "crust"), "no drive tells", 0.1, check="level it"),
         ],
     )
     evidence = Evidence.of_diagnosis(found)

@@ -21,6 +21,7 @@ from terrain_cli.diagnosis import (
     steps,
 )
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+from terrain_cli.diagnosis.verdict import Decision
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.improvement.change_trial import tried
@@ -172,6 +173,25 @@ def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out
     found = diagnose(windows_of(3_000_202, Kind(hidden, seconds=48.0)), base)
     assert found.alarm.raised
     assert found.family[0] == "sinkage-bias"
+
+
+@pytest.mark.parametrize(
+    ("doubts", "left"),
+    [
+        (("", "", "at its bound"), "ab"),
+        # What keeps the only one from being the name is what a drive has to rule out.
+        (("", "at its bound", "physically impossible"), "abc"),
+        (("at its bound",) * 3, "abc"),
+    ],
+)
+def test_a_drive_tells_causes_apart_or_the_only_one_from_what_is_not_believed(doubts, left):
+    decision = Decision("family", tuple("abc"))
+    members = [(SimpleNamespace(id=name), None) for name in "abc"]
+    listed = [
+        SimpleNamespace(effect=name, doubt=doubt, explained=0.9, in_family=True)
+        for name, doubt in zip("abc", doubts, strict=True)
+    ]
+    assert "".join(one.id for one, _ in steps.rivals(decision, members, listed)) == left
 
 
 def test_scores_are_those_of_a_least_squares_fit():
