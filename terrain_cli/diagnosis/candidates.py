@@ -10,7 +10,13 @@ from terrain_cli.comparison.compare import pooled_noise
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits
 from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
-from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Hypothesis, noise_with, share_taken
+from terrain_cli.diagnosis.diagnosis_outcome import (
+    Candidate,
+    Hypothesis,
+    noise_with,
+    over_noise,
+    share_taken,
+)
 from terrain_cli.diagnosis.refits import Refit
 
 Fitted = tuple[Hypothesis, Refit]
@@ -94,3 +100,20 @@ def held_out_errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[st
         for name, errors in log.comparison.channels.items()
     }
     return refits.held_out_errors(wheels, log.block, levels)
+
+
+def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> list[Fitted]:
+    """Put first, where what is late leads, that with which the errors that every verb prints are lowest.
+
+    Smoothed channels lose what changes fast, and so what tells a lag in time from one in distance.
+    """
+    late = [pair for pair in ranked if pair[0].late and not refit_ranking.doubt(log.data, *pair)]
+    if len(late) < 2 or late[0] is not ranked[0]:
+        return ranked
+
+    def size(pair: Fitted) -> float:
+        errors = held_out_errors(log, [refits.fitted_anew(wheel, pair[0]) for wheel in log.data.wheels])
+        return float(np.nansum(np.square([*over_noise(log.comparison, errors).values()])))
+
+    first = min(late, key=size)
+    return [first, *(pair for pair in ranked if pair is not first)]

@@ -23,7 +23,7 @@ from terrain_cli.diagnosis import (
     screening,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.candidates import Fitted, as_it_is, held_out_errors
+from terrain_cli.diagnosis.candidates import Fitted, as_it_is, held_out_errors, late_as_printed
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
 from terrain_cli.diagnosis.diagnosis_outcome import (
     Alarm,
@@ -357,28 +357,12 @@ def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
     return [first, *inside, *(pair for pair in ranked if pair not in credible and pair is not first)]
 
 
-def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> list[Fitted]:
-    """Put first, where what is late leads, that with which the errors that every verb prints are lowest.
-
-    Smoothed channels lose what changes fast, and so what tells a lag in time from one in distance.
-    """
-    late = [pair for pair in ranked if pair[0].late and not refit_ranking.doubt(log.data, *pair)]
-    if len(late) < 2 or late[0] is not ranked[0]:
-        return ranked
-
-    def size(pair: Fitted) -> float:
-        errors = held_out_errors(log, [refits.fitted_anew(wheel, pair[0]) for wheel in log.data.wheels])
-        return float(np.nansum(np.square([*over_noise(log.comparison, errors).values()])))
-
-    first = min(late, key=size)
-    return [first, *(pair for pair in ranked if pair is not first)]
-
-
 def late_takes_most(ranked: Ranked) -> bool:
     """Tell whether one that is late leads, and takes most off the errors that every verb prints."""
     if not ranked.several or not ranked.several[0][0].late:
         return False
-    log, wheels = ranked.log, [refits.fitted_anew(w, ranked.several[0][0]) for w in ranked.data.wheels]
+    log, first = ranked.log, ranked.several[0][0]
+    wheels = ranked.first_anew or [refits.fitted_anew(wheel, first) for wheel in ranked.data.wheels]
     noise = {name: pooled_noise(wheels, name) for name in log.comparison.channels}
     share = share_taken(log.comparison, as_it_is(log), held_out_errors(log, wheels), noise)
     return share >= 1.0 - criteria.DRAFT_LEFT

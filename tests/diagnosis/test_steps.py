@@ -12,6 +12,7 @@ from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import (
+    candidates,
     diagnose,
     diagnosed_log,
     drafted_laws,
@@ -185,7 +186,7 @@ def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out
     ],
 )
 def test_a_drive_tells_causes_apart_or_the_only_one_from_what_is_not_believed(doubts, left):
-    decision = Decision("family", tuple("abc"))
+    decision = Decision(verdict="family", family=tuple("abc"))
     members = [(SimpleNamespace(id=name), None) for name in "abc"]
     listed = [
         SimpleNamespace(effect=name, doubt=doubt, explained=0.9, in_family=True)
@@ -423,15 +424,19 @@ def test_of_effects_that_are_late_the_printed_errors_choose(monkeypatch):
     errors = {"lag": 3.0, "length": 1.02, "plain": 1.0}
     monkeypatch.setattr(steps.refit_ranking, "doubt", lambda *_: "")
     monkeypatch.setattr(steps.refits, "fitted_anew", lambda _, one: one.id)
-    monkeypatch.setattr(steps, "held_out_errors", lambda _, wheels: {"torque": errors[wheels[0]]})
+    for module in (steps, candidates):
+        monkeypatch.setattr(module, "held_out_errors", lambda _, wheels: {"torque": errors[wheels[0]]})
     monkeypatch.setattr(steps, "as_it_is", lambda _: {})
     monkeypatch.setattr(steps, "pooled_noise", lambda *_: 1.0)
     channels = {"torque": SimpleNamespace(noise=4.0, heldout_rmse=4.0)}
     data = SimpleNamespace(wheels=[None])
     log = SimpleNamespace(data=data, comparison=SimpleNamespace(channels=channels))
     ranked = [(lag, 0), (plain, 0), (length, 0)]
-    assert steps.late_as_printed(log, ranked) == [ranked[2], *ranked[:2]]
+    assert candidates.late_as_printed(log, ranked) == [ranked[2], *ranked[:2]]
     # Nor do they choose where something else leads.
-    assert steps.late_as_printed(log, [ranked[1], ranked[0], ranked[2]])[0] is ranked[1]
+    assert candidates.late_as_printed(log, [ranked[1], ranked[0], ranked[2]])[0] is ranked[1]
     for first, most in ((length, True), (lag, False), (plain, False)):
-        assert steps.late_takes_most(SimpleNamespace(several=[(first, 0)], data=data, log=log)) is most
+        assert (
+            steps.late_takes_most(SimpleNamespace(several=[(first, 0)], first_anew=[], data=data, log=log))
+            is most
+        )
