@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from terrain_cli.comparison import smoothed_fit
-from terrain_cli.diagnosis import candidates, effect_sizes, refit_ranking, refits
+from terrain_cli.diagnosis import candidates, effect_sizes, refit_ranking, refits, steps
 from terrain_cli.diagnosis.diagnosis_outcome import share_taken
 
 
@@ -146,3 +146,27 @@ def test_an_effect_that_makes_the_soil_impossible_is_not_credible(
     one = SimpleNamespace(solutions=[cohesion], at_bound=lambda _: False)
     monkeypatch.setattr(refit_ranking, "left_open", lambda *_: False)
     assert refit_ranking.doubt(data, effect, one) == told
+
+
+def test_of_effects_that_are_late_the_printed_errors_choose(monkeypatch):
+    """Smoothed channels took a distance for a time, of which the errors that are told were twice as large."""
+    lag, length, plain = (SimpleNamespace(id=n, late=n != "plain") for n in ("lag", "length", "plain"))
+    errors = {"lag": 3.0, "length": 1.02, "plain": 1.0}
+    monkeypatch.setattr(steps.refit_ranking, "doubt", lambda *_: "")
+    monkeypatch.setattr(steps.refits, "fitted_anew", lambda _, one: one.id)
+    for module in (steps, candidates):
+        monkeypatch.setattr(module, "held_out_errors", lambda _, wheels: {"torque": errors[wheels[0]]})
+    monkeypatch.setattr(steps, "as_it_is", lambda _: {})
+    monkeypatch.setattr(steps, "pooled_noise", lambda *_: 1.0)
+    channels = {"torque": SimpleNamespace(noise=4.0, heldout_rmse=4.0)}
+    data = SimpleNamespace(wheels=[None])
+    log = SimpleNamespace(data=data, comparison=SimpleNamespace(channels=channels))
+    ranked = [(lag, 0), (plain, 0), (length, 0)]
+    assert candidates.late_as_printed(log, ranked) == [ranked[2], *ranked[:2]]
+    # Nor do they choose where something else leads.
+    assert candidates.late_as_printed(log, [ranked[1], ranked[0], ranked[2]])[0] is ranked[1]
+    for first, most in ((length, True), (lag, False), (plain, False)):
+        assert (
+            steps.late_takes_most(SimpleNamespace(several=[(first, 0)], first_anew=[], data=data, log=log))
+            is most
+        )

@@ -23,9 +23,11 @@ from terrain_cli.diagnosis import (
     refit_ranking,
     refits,
     screening,
+    steps,
 )
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.diagnosis.next_drive import suggest
+from terrain_cli.diagnosis.verdict import Decision
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.effect import Effect, Parameter
@@ -357,3 +359,22 @@ def test_a_drive_needs_what_varies_in_it():
     way = next(one for one in manoeuvres.library(AT, 60.0) if one.varies == {"rates", "speed"})
     assert way.possible({"velocity", "time"})
     assert not way.possible({"torque", "time"})
+
+
+@pytest.mark.parametrize(
+    ("doubts", "left"),
+    [
+        (("", "", "at its bound"), "ab"),
+        # What keeps the only one from being the name is what a drive has to rule out.
+        (("", "at its bound", "physically impossible"), "abc"),
+        (("at its bound",) * 3, "abc"),
+    ],
+)
+def test_a_drive_tells_causes_apart_or_the_only_one_from_what_is_not_believed(doubts, left):
+    decision = Decision(verdict="family", family=tuple("abc"))
+    members = [(SimpleNamespace(id=name), None) for name in "abc"]
+    listed = [
+        SimpleNamespace(effect=name, doubt=doubt, explained=0.9, in_family=True)
+        for name, doubt in zip("abc", doubts, strict=True)
+    ]
+    assert "".join(one.id for one, _ in steps.rivals(decision, members, listed)) == left

@@ -12,7 +12,6 @@ from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import (
-    candidates,
     diagnose,
     diagnosed_log,
     drafted_laws,
@@ -22,7 +21,6 @@ from terrain_cli.diagnosis import (
     steps,
 )
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-from terrain_cli.diagnosis.verdict import Decision
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.improvement.change_trial import tried
@@ -174,25 +172,6 @@ def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out
     found = diagnose(windows_of(3_000_202, Kind(hidden, seconds=48.0)), base)
     assert found.alarm.raised
     assert found.family[0] == "sinkage-bias"
-
-
-@pytest.mark.parametrize(
-    ("doubts", "left"),
-    [
-        (("", "", "at its bound"), "ab"),
-        # What keeps the only one from being the name is what a drive has to rule out.
-        (("", "at its bound", "physically impossible"), "abc"),
-        (("at its bound",) * 3, "abc"),
-    ],
-)
-def test_a_drive_tells_causes_apart_or_the_only_one_from_what_is_not_believed(doubts, left):
-    decision = Decision(verdict="family", family=tuple("abc"))
-    members = [(SimpleNamespace(id=name), None) for name in "abc"]
-    listed = [
-        SimpleNamespace(effect=name, doubt=doubt, explained=0.9, in_family=True)
-        for name, doubt in zip("abc", doubts, strict=True)
-    ]
-    assert "".join(one.id for one, _ in steps.rivals(decision, members, listed)) == left
 
 
 def test_scores_are_those_of_a_least_squares_fit():
@@ -416,27 +395,3 @@ def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
     assert warning.startswith("wong-reece + acceleration-torque gives a cohesion of -9.5 kPa in 1 of 1 soil")
     assert "an effect is wrong or missing" in warning
     assert told(Kind(seconds=40.0)) == []
-
-
-def test_of_effects_that_are_late_the_printed_errors_choose(monkeypatch):
-    """Smoothed channels took a distance for a time, of which the errors that are told were twice as large."""
-    lag, length, plain = (SimpleNamespace(id=n, late=n != "plain") for n in ("lag", "length", "plain"))
-    errors = {"lag": 3.0, "length": 1.02, "plain": 1.0}
-    monkeypatch.setattr(steps.refit_ranking, "doubt", lambda *_: "")
-    monkeypatch.setattr(steps.refits, "fitted_anew", lambda _, one: one.id)
-    for module in (steps, candidates):
-        monkeypatch.setattr(module, "held_out_errors", lambda _, wheels: {"torque": errors[wheels[0]]})
-    monkeypatch.setattr(steps, "as_it_is", lambda _: {})
-    monkeypatch.setattr(steps, "pooled_noise", lambda *_: 1.0)
-    channels = {"torque": SimpleNamespace(noise=4.0, heldout_rmse=4.0)}
-    data = SimpleNamespace(wheels=[None])
-    log = SimpleNamespace(data=data, comparison=SimpleNamespace(channels=channels))
-    ranked = [(lag, 0), (plain, 0), (length, 0)]
-    assert candidates.late_as_printed(log, ranked) == [ranked[2], *ranked[:2]]
-    # Nor do they choose where something else leads.
-    assert candidates.late_as_printed(log, [ranked[1], ranked[0], ranked[2]])[0] is ranked[1]
-    for first, most in ((length, True), (lag, False), (plain, False)):
-        assert (
-            steps.late_takes_most(SimpleNamespace(several=[(first, 0)], first_anew=[], data=data, log=log))
-            is most
-        )
