@@ -21,6 +21,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     initial,
     inside,
     newton,
+    without_wild,
 )
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.unknowns import present
@@ -167,10 +168,9 @@ def _cost(
         normal = accumulate(problem, data, t, common, latent, order=order, each=ways.keep)
         merit = normal.misfit + np.sum(t**2, axis=1)
     # Where the model gives no number nothing is missed, and nothing learnt but what is known beforehand.
-    sum_of = np.einsum("wab->w", np.abs(normal.information)) + np.abs(normal.score).sum(axis=1)
-    dumb = (sum_of <= 0.0) & (normal.score.shape[1] > 0)
-    wild = ~np.isfinite(sum_of + merit)
-    normal.information[wild], normal.score[wild] = 0.0, 0.0
+    wild = without_wild(normal) | ~np.isfinite(merit)
+    sums = np.einsum("wab->w", np.abs(normal.information)) + np.abs(normal.score).sum(axis=1)
+    dumb = (sums <= 0.0) & (normal.score.shape[1] > 0)
     return normal, np.where(dumb | wild, np.inf, merit), latent, ways.by
 
 

@@ -96,8 +96,13 @@ def solve(
             break
         rows = slice(None) if part is data else data.rows_of(active)
         latent, ways = state.latent[:, rows], Ways(part, sought)
-        normal = accumulate(problem, part, state.t[active], state.common, latent, order=order, each=ways.keep)
+        # A step too far may lead beyond all numbers.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            normal = accumulate(
+                problem, part, state.t[active], state.common, latent, order=order, each=ways.keep
+            )
         state.merit[active] = normal.misfit + np.sum(state.t[active] ** 2, axis=1)
+        without_wild(normal)
         step, shift, length = newton(normal, sought, state.t[active], state.common)
         # The weights move along with the unknowns, so that no sum of squares tells whether a step
         # was too long; steps that swing to and fro do.
@@ -148,6 +153,14 @@ def accumulate(
         if each is not None:
             each(block, part, found)
     return total
+
+
+def without_wild(normal: Normal) -> Mask:
+    """Let windows whose sums are beyond all numbers tell nothing, in place; return which these are, (w,)."""
+    sums = np.einsum("wab->w", np.abs(normal.information)) + np.abs(normal.score).sum(axis=1)
+    wild = ~np.isfinite(sums + normal.misfit)
+    normal.information[wild], normal.score[wild] = 0.0, 0.0
+    return np.asarray(wild)
 
 
 class Ways:
