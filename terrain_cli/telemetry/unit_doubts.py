@@ -134,9 +134,8 @@ class Doubt(Notice):
     __slots__ = ("beyond", "of")
 
     of: str  # Such as "the sign of drawbar pull", where a line of rover.toml would settle it; else empty
-    beyond: (
-        str  # Of a sensor at its limit, the condition of the samples below it: "torque < 10.3"; else empty
-    )
+    #: Of a sensor at its limit, the condition of the samples on this side: "torque < 10.3"; else empty
+    beyond: str
 
     def __new__(cls, text: str, of: str = "", beyond: str = "") -> Self:
         self = super().__new__(cls, text)
@@ -335,6 +334,7 @@ def limited(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
                     share = 1.0 - len(rest) / len(column)
                     what = f"{name} is {end:.4g} in {share:.0%} of the samples, and never {never}, as where a"
                     what += " sensor, or what reads it, is at its limit"
+                    # A little on this side, so that a rounded condition leaves out the limit itself.
                     inside = end - 1e-6 * abs(end) if sign == "<" else end + 1e-6 * abs(end)
                     return Suspicion(what, name, beyond=f"{name} {sign} {inside:.7g}")
         return None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, _unbounded, newton
+from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, _unbounded, newton, without_wild
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 
 FAR = 1e12
@@ -50,3 +50,18 @@ def test_a_step_where_one_unknown_outweighs_the_others_by_all_digits():
     step, shift, _ = _unbounded(normal, np.zeros((1, 1)), np.zeros(2))
     assert np.isfinite(step).all()
     assert np.abs(shift).max() < 1e-15
+
+
+def test_a_window_beyond_all_numbers_goes_back_to_its_prior_and_stops_no_other():
+    """Windows that share something go together: one that overflows would lead all of them astray."""
+    information = np.stack([np.eye(3), np.full((3, 3), np.inf), 2.0 * np.eye(3)])
+    score, t = np.ones((3, 3)), np.full((3, 2), 0.5)
+    normal = Normal(information, score, np.array([1.0, np.inf, 1.0]))
+    sought = Unknowns((unknown("a"), unknown("b")), (unknown("c"),), {})
+    np.testing.assert_array_equal(without_wild(normal), [False, True, False])
+    step, shift, _ = newton(normal, sought, t, np.zeros(1))
+    np.testing.assert_allclose(step[1], -t[1])
+    others = Normal(information[::2], score[::2], normal.misfit[::2])
+    expected, expected_shift, _ = newton(others, sought, t[::2], np.zeros(1))
+    np.testing.assert_allclose(step[::2], expected)
+    np.testing.assert_allclose(shift, expected_shift)

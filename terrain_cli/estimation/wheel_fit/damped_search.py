@@ -168,9 +168,9 @@ def _cost(
         normal = accumulate(problem, data, t, common, latent, order=order, each=ways.keep)
         merit = normal.misfit + np.sum(t**2, axis=1)
     # Where the model gives no number nothing is missed, and nothing learnt but what is known beforehand.
-    wild = without_wild(normal) | ~np.isfinite(merit)
-    sums = np.einsum("wab->w", np.abs(normal.information)) + np.abs(normal.score).sum(axis=1)
-    dumb = (sums <= 0.0) & (normal.score.shape[1] > 0)
+    wild = without_wild(normal)
+    told = normal.information.any(axis=(1, 2)) | normal.score.any(axis=1)
+    dumb = ~told & (normal.score.shape[1] > 0)
     return normal, np.where(dumb | wild, np.inf, merit), latent, ways.by
 
 
