@@ -1,23 +1,24 @@
 """What the estimators of the line take for true, and what that may do to c and φ.
 
 They take k for known, and the stresses under the rim for triangles. How far c and tan φ would move is found
-with the same estimator: with k, and each sensor whose offset is not known, a standard deviation larger and
+with the same estimator: with k, and each error that rover.toml states, a standard deviation larger and
 smaller; and by how far the estimate is from that soil whose torques and loads, by the full model, lead to it:
 the triangles may leave a tenth of c. None averages out over samples, nor over windows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.estimation import WindowEstimates
-from terrain_cli.estimation.further_unknowns import calibrations
+from terrain_cli.estimation.further_unknowns import stated_errors, with_error
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.pooled import Trace
 from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE, soils
 from terrain_cli.mechanics import contact, linear
+from terrain_cli.telemetry.wheel_samples import Geometry
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.choices import LARGEST_PHI, LineMethod
 from terrain_cli.windows.cut_windows import Windows
@@ -94,7 +95,7 @@ def _wider(of: WindowEstimates | Trace, moved: Array) -> tuple[Array, Array, Arr
 def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> Array:
     """Return how far c (Pa) and tan φ move with each assumption, by a standard deviation of it.
 
-    Shape (w, 2, 1 + calibrations + shapes); 0 where it is not known.
+    Shape (w, 2, 1 + stated errors + shapes); 0 where it is not known.
     """
     found = np.array([estimates.c, np.tan(estimates.phi)])
     groups = list(windows.thinned(_SOME).groups(_GROUP))
@@ -109,22 +110,21 @@ def _deviations(found: Array, windows: Windows, method: LineMethod) -> Array:
     samples, geometry = windows.samples, windows.samples.geometry
     measured = windows.measured()
 
-    def line(shear_modulus: float, **changed: Array) -> Array:
-        of_wheel = geometry._replace(shear_modulus=shear_modulus).line
-        x, y = linear.line_coordinates(**{**measured, **changed}, **of_wheel)
+    def line(wheel: Geometry, columns: Mapping[str, Array]) -> Array:
+        x, y = linear.line_coordinates(**{**columns, **wheel.line})
         return soils(x, y, windows.bounds, method)
 
     k, factor = geometry.shear_modulus, geometry.shear_modulus_factor
-    moved = [0.5 * (line(k * factor) - line(k / factor))]
-    for name, kind, size in calibrations(samples, measured):
-        column = measured[name]
-        step = size if kind == "offset" else size * column
-        moved.append(0.5 * (line(k, **{name: column + step}) - line(k, **{name: column - step})))
+    stiffer, softer = (geometry._replace(shear_modulus=other) for other in (k * factor, k / factor))
+    moved = [0.5 * (line(stiffer, measured) - line(softer, measured))]
+    for error in stated_errors(samples, measured):
+        more, less = (line(*with_error(error, by, samples, measured)) for by in (1.0, -1.0))
+        moved.append(0.5 * (more - less))
     scale = np.sqrt(len(_SHAPES))
     for shape in _SHAPES:
 
         def estimated(soil: Array, shape: tuple[float, float] = shape) -> Array:
-            return line(k, **_under_wheel(windows, soil, shape))
+            return line(geometry, {**measured, **_under_wheel(windows, soil, shape)})
 
         moved.append((found - _origin(found, estimated)) / scale)
     return np.nan_to_num(np.array(moved).transpose(2, 1, 0), posinf=0.0, neginf=0.0)

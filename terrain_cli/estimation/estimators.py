@@ -14,7 +14,7 @@ from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import WindowEstimates, fit_account, prediction, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
-from terrain_cli.estimation.further_unknowns import suspects, with_calibrations, with_contact, with_rivals
+from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_rivals, with_stated_errors
 from terrain_cli.estimation.joint_grid import JointPosterior
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
@@ -154,7 +154,7 @@ def estimate(
     rivals = models.rivals(file)
     file, beside = with_rivals(with_contact(file), windows, rivals)
     channels = {**beside, **_channels(windows)}
-    file = with_calibrations(file, windows.samples, channels)
+    file = with_stated_errors(file, windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     least = min_samples or FIT_SAMPLES
     run = partial(_fit, windows, file, held=held, min_samples=least, robust=robust, joint=asked, begun=begun)

@@ -1,16 +1,19 @@
 """What a model may lack: the shape of the contact, calibrations of sensors, which are sought, and effects."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from terrain_cli import effects
 from terrain_cli.effects.laws.grammar import Law
-from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
+from terrain_cli.mechanics.contact import slip_of_radius
+from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior, Quantities
 from terrain_cli.mechanics.wheel_model import STRESSES
 from terrain_cli.models import ModelFile
 from terrain_cli.telemetry import Samples, effect_inputs
+from terrain_cli.telemetry.wheel_samples import Geometry
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.windows.cut_windows import Windows
 
@@ -63,25 +66,56 @@ def with_rivals(
     return file, inputs
 
 
-def calibrations(samples: Samples, measured: Collection[str]) -> list[tuple[str, str, float]]:
-    """Return channels, "offset" or "gain", and the standard deviations that rover.toml states of them, SI."""
-    return [
-        (name, kind, size)
+class Stated(NamedTuple):
+    """An error that rover.toml states of a sensor or of the wheel."""
+
+    of: str  # A channel, "radius" or "width"
+    kind: str  # "offset", "gain", or "relative_error" of a size
+    size: float  # Standard deviation, in SI or as a share
+
+
+def stated_errors(samples: Samples, measured: Collection[str]) -> list[Stated]:
+    """Return what rover.toml states of the errors of the sensors' calibrations, and of the wheel's sizes."""
+    geometry = samples.geometry
+    sensors = [
+        Stated(name, kind, size)
         for name, noise in samples.noise.items()
         for kind, size in (("offset", noise.offset), ("gain", noise.gain))
         if name in measured and size > 0.0
     ]
+    sizes = (
+        ("radius", geometry.radius_error / geometry.radius),
+        ("width", geometry.width_error / geometry.width),
+    )
+    return [*sensors, *(Stated(name, "relative_error", share) for name, share in sizes if share > 0.0)]
 
 
-def with_calibrations(file: ModelFile, samples: Samples, measured: Collection[str]) -> ModelFile:
-    """Return a model in which the stated errors of the sensors' calibrations are sought in every window."""
-    stated = calibrations(samples, measured)
-    added = [_effect(*error) for error in stated]
+def with_stated_errors(file: ModelFile, samples: Samples, measured: Collection[str]) -> ModelFile:
+    """Return a model in which the errors that rover.toml states are sought in every window."""
+    stated = stated_errors(samples, measured)
+    added = [_effect(error, samples) for error in stated]
     model = replace(file.model, effects=(*file.model.effects, *added))
-    found = {
-        f"{effect.id}.{kind}": Prior(0.0, size) for effect, (_, kind, size) in zip(added, stated, strict=True)
-    }
+    pairs = zip(added, stated, strict=True)
+    found = {f"{effect.id}.{error.kind}": Prior(0.0, error.size) for effect, error in pairs}
     return replace(file, model=model, priors={**file.priors, **found}, local=(*file.local, *found))
+
+
+def with_error(
+    error: Stated, by: float, samples: Samples, measured: Mapping[str, Array]
+) -> tuple[Geometry, dict[str, Array]]:
+    """Return the wheel and what was measured if an error were there, so many standard deviations large."""
+    geometry, amount = samples.geometry, by * error.size
+    if error.kind == "offset":
+        return geometry, {**measured, error.of: measured[error.of] - amount}
+    if error.kind == "gain":
+        return geometry, {**measured, error.of: measured[error.of] * (1.0 - amount)}
+    felt = dict(measured)
+    if error.of == "radius":
+        if samples.derives("slip"):
+            felt["slip"] = slip_of_radius(felt["slip"], 1.0 + amount)
+        if samples.derives("sinkage"):
+            felt["sinkage"] = felt["sinkage"] * (1.0 + amount)
+    return geometry._replace(**{error.of: getattr(geometry, error.of) * (1.0 + amount)}), felt
 
 
 def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str, Array]]:
@@ -109,15 +143,34 @@ def _constants(samples: Samples) -> set[str]:
     return {name for name in effect_inputs.CONSTANTS if getattr(samples.geometry, name, None)}
 
 
-def _effect(channel: str, kind: str, size: float) -> Effect:
-    plus, times = ("-", "/") if channel in _FELT else ("+", "*")
-    offset = kind == "offset"
+def _effect(error: Stated, samples: Samples) -> Effect:
+    of, kind, size = error
+    unit = QUANTITIES[of] if kind == "offset" else "1"
     # Not of the catalogue: rover.toml says that it is there, and no diagnosis has to find it.
     return Effect(
-        id=f"{channel.replace('_', '-')}-{kind}",
-        title=f"{kind.capitalize()} of {channel.replace('_', ' ')}",
+        id=f"{of}-{kind.removeprefix('relative_')}".replace("_", "-"),
+        title=f"{kind.replace('_', ' ').capitalize()} of {of.replace('_', ' ')}",
         kind="sensor",
-        parameters=(Parameter(kind, QUANTITIES[channel] if offset else "1", 0.0, size),),
-        laws={channel: Law(f"{channel} {plus} offset" if offset else f"{channel} {times} (1 + gain)")},
+        parameters=(Parameter(kind, unit, 0.0, size),),
+        laws=_laws(error, samples),
         origin="rover.toml",
     )
+
+
+def _laws(error: Stated, samples: Samples) -> dict[str, Callable[[Quantities], Any]]:
+    laws: dict[str, Callable[[Quantities], Any]]
+    match error:
+        case Stated("width"):
+            # All stresses act on another area: soil that is weaker and softer by as much carries the same.
+            laws = {"load": Law("load / (1 + relative_error)")}
+            return laws | {name: Law(f"{name} * (1 + relative_error)") for name in ("torque", "drawbar_pull")}
+        case Stated("radius"):
+            laws = {"radius": Law("radius * (1 + relative_error)")}
+            if samples.derives("slip"):
+                laws |= {"slip": effects.find("wheel-radius").laws["slip"]}
+            if samples.derives("sinkage"):
+                laws |= {"sinkage": Law("sinkage / (1 + relative_error)")}
+            return laws
+        case Stated(channel, "offset"):
+            return {channel: Law(f"{channel} {'-' if channel in _FELT else '+'} offset")}
+    return {error.of: Law(f"{error.of} {'/' if error.of in _FELT else '*'} (1 + gain)")}

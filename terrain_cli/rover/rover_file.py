@@ -15,6 +15,8 @@ from terrain_cli.vocabulary.units import Unit
 
 #: Fields whose unit no message type tells: effort is N, N m or A, data is anything.
 _UNIT_UNKNOWN = frozenset({"effort", "data"})
+#: Largest error of a size, as a share: with four standard deviations less a wheel is still there.
+_MOST_SIZE_ERROR = 0.2
 
 
 def find(explicit: str | None, first_input: str | None) -> Path | None:
@@ -48,12 +50,12 @@ def of_text(text: str) -> vehicle.Rover:
 def _rover(path: Path, content: dict[str, Any]) -> vehicle.Rover:
     motor = content.get("motor", {})
     given, channels = content.get("wheel", {}), content.get("channels", {})
-    default = vehicle.Wheel(**given, channels=channels, motor=_motor(motor, f"{path}: motor"))
+    default = vehicle.Wheel(**_sizes(given), channels=channels, motor=_motor(motor, f"{path}: motor"))
     wheels = {}
     for name, given in content.get("wheels", {}).items():
         own = _motor({**motor, **given.pop("motor", {})}, f"{path}: wheels.{name}.motor")
         channels = {**default.channels, **given.pop("channels", {})}
-        wheels[name] = replace(default, name=name, channels=channels, motor=own, **given)
+        wheels[name] = replace(default, name=name, channels=channels, motor=own, **_sizes(given))
     modulus, factor = content.get("soil", {}).get("shear_modulus", (None, K_FACTOR))
     return vehicle.Rover(
         path=path,
@@ -166,6 +168,26 @@ def _noise(channel: str) -> Rule:
     return rule
 
 
+def _size(value: Any, place: str) -> tuple[float, float]:
+    if not isinstance(value, dict):
+        return _LENGTH(value, place), 0.0
+    given = _SIZE(value, place)
+    require(given, place, "value", "error")
+    size, error = given["value"], given["error"]
+    most = _MOST_SIZE_ERROR * size
+    if error > most:
+        what = f"must be at most {_MOST_SIZE_ERROR:.0%} of the value, {most:g} m, not {error:g} m"
+        raise ConfigurationError(f"{place}.error: {what}", hint="measure the wheel")
+    return size, error
+
+
+def _sizes(given: dict[str, Any]) -> dict[str, Any]:
+    """Split what is known of each size of a wheel into its value and its error."""
+    there = [name for name in ("radius", "width") if name in given]
+    values = {name: given[name][0] for name in there}
+    return given | values | {f"{name}_error": given[name][1] for name in there}
+
+
 def _modulus(value: Any, place: str) -> tuple[float, float]:
     if not isinstance(value, dict):
         return _K(value, place), K_FACTOR
@@ -197,10 +219,14 @@ _CHANNELS = table({name: _entry(name) for name in CHANNELS})
 _MOTOR, _VEHICLE, _NOISE = (rules(_KEYS[name]) for name in ("motor", "vehicle", "noise"))
 _K = number("a positive length in m, from 0.0001 to 1", *SOIL_BOUNDS["shear_modulus"])
 _K_WITHIN = rules(_KEYS["shear_modulus"], {"shear modulus": _K})
-_OF_WHEEL = rules({**_KEYS["wheel"], **_KEYS["wheels"]}, {"channels": _CHANNELS, "motor": _MOTOR})
+#: From a toy's wheel to twice that of the largest mining truck.
+_LENGTH = number("a positive length in m, from 0.001 to 5", 1e-3, 5.0)
+_SIZE = rules(_KEYS["size"], {"length": _LENGTH})
+_OF_SIZE = {"size": _size}
+_OF_WHEEL = rules({**_KEYS["wheel"], **_KEYS["wheels"]}, {**_OF_SIZE, "channels": _CHANNELS, "motor": _MOTOR})
 _FILE = table(
     {
-        "wheel": rules(_KEYS["wheel"]),
+        "wheel": rules(_KEYS["wheel"], _OF_SIZE),
         "wheels": tables(_OF_WHEEL),
         "soil": table({"shear_modulus": _modulus}),
         "channels": _CHANNELS,

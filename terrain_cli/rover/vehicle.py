@@ -85,6 +85,9 @@ class Wheel:
     #: m.
     radius: float | None = None
     width: float | None = None
+    #: Standard deviations of both in m; 0 where they are not stated.
+    radius_error: float = 0.0
+    width_error: float = 0.0
     grouser_count: int = 0
     grouser_height: float = 0.0  # m
     #: Of the point of contact: x forward, y left, z up in m.

@@ -135,7 +135,8 @@ def assemble(
     k, factor = rover.soil_shear_modulus(), rover.shear_modulus_factor
     grousers = wheel.grouser_height, wheel.grouser_count
     gravity = rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY
-    geometry = Geometry(radius, width, k, *grousers, gravity, factor)
+    errors = wheel.radius_error, wheel.width_error
+    geometry = Geometry(radius, width, k, *grousers, gravity, factor, *errors)
     if not checked:
         _check_clock(source, raw, radius)
     noise, remarks = dict(rover.noise), list(source.remarks)

@@ -11,7 +11,7 @@ from terrain_cli.rover import Rover, Wheel
 from terrain_cli.telemetry import derived_channels, topic_discovery
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.topic_discovery import OF_WHEELS
-from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Plan, Raw, match_name
+from terrain_cli.telemetry.wheel_samples import DERIVED, NEEDED, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
@@ -110,7 +110,7 @@ def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
         if body is not None and body.of_body and wheel.position and "yaw_rate" in raw.channels:
             speed, yaw_rate = raw.channels["velocity"], raw.channels["yaw_rate"]
             raw.channels["velocity"] = derived_channels.wheel_velocity(speed, yaw_rate, wheel.position[1])
-            origins["velocity"] = f"derived from {body} and yaw rate"
+            origins["velocity"] = f"{DERIVED} {body} and yaw rate"
         derived, _ = routes(raw.channels, wheel, rover)
         _derive(raw.channels, derived, wheel, rover)
     omega = raw.channels.get("angular_velocity")
@@ -118,7 +118,7 @@ def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
         # The way the wheel turns: the soil sees no other way.
         for name in raw.channels.keys() & _WITH_DIRECTION:
             raw.channels[name] = np.where(omega < 0.0, -raw.channels[name], raw.channels[name])
-    return origins | {name: f"derived from {how}" for name, how in derived.items()}
+    return origins | {name: f"{DERIVED} {how}" for name, how in derived.items()}
 
 
 def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, rover: Rover) -> None:

@@ -26,6 +26,7 @@ CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "
 #: Said of every wheel, so that they tell none apart.
 _GENERIC = re.compile(r"wheel|joint|motor|drive", re.IGNORECASE)
 _LONG_ENOUGH = 4  # Shorter texts occur inside others by chance
+DERIVED = "derived from"  # How the words begin that say where a channel comes from that nobody recorded
 NEEDED = ("load", "torque", "sinkage", "slip")  # What the line y = c + x tan φ is computed from
 #: What `Samples` hold of each sample: some columns, and columns by their names.
 COLUMNS, TABLES = (
@@ -178,6 +179,9 @@ class Geometry(NamedTuple):
     grouser_count: int = 0
     gravity: float = STANDARD_GRAVITY  # In m/s²
     shear_modulus_factor: float = K_FACTOR  # Within which k is expected to be right (one standard deviation)
+    #: Standard deviations of r and b in m.
+    radius_error: float = 0.0
+    width_error: float = 0.0
 
     @property
     def line(self) -> dict[str, Any]:
@@ -250,6 +254,10 @@ class Samples:
 
     def __str__(self) -> str:
         return f"{self.source}: {the_wheel(self.wheel)}"
+
+    def derives(self, channel: str) -> bool:
+        """Tell whether a channel was derived from others, with the constants of rover.toml."""
+        return self.origins.get(channel, "").startswith(DERIVED)
 
     @property
     def usable(self) -> Index:

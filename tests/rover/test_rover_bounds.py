@@ -5,6 +5,9 @@ from __future__ import annotations
 import pytest
 from wheel_table import ROVER, good, text
 
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.rover import load
+
 ABSURD = ("1e300", "-1e300", "nan", "inf", "-inf", "1" + "0" * 400, '"1"', "true", "[1]")
 VEHICLE = "[vehicle]\nmass = 10\ncentre_of_mass = [0, 0, 0]\n"
 #: Table, line with {} for the number, what is refused besides `ABSURD`, and the least and greatest accepted.
@@ -88,3 +91,40 @@ def test_the_whole_model_at_the_bounds(run, tmp_path):
     (tmp_path / "t.csv").write_text(text(good()[:40]))
     done = run(ROVER.replace("radius = 0.125", "radius = 5"), "--method", "wong-reece", "--segments", "none")
     assert done.returncode in (0, 65), done.stderr
+
+
+def test_the_sizes_of_a_wheel_may_be_given_with_their_errors(tmp_path):
+    path = tmp_path / "rover.toml"
+    path.write_text(
+        "[wheel]\nradius = { value = 0.125, error = 0.002 }\nwidth = 0.1\n"
+        "[wheels.front]\nwidth = { value = 0.09, error = 0.004 }\n[wheels.rear]\nradius = 0.13\n"
+    )
+    front, rear = (load(path).wheel(name) for name in ("front", "rear"))
+    assert (front.radius, front.radius_error, front.width, front.width_error) == (0.125, 0.002, 0.09, 0.004)
+    # What is said of one wheel replaces all that is said of every wheel.
+    assert (rear.radius, rear.radius_error, rear.width, rear.width_error) == (0.13, 0.0, 0.1, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("{ value = 0.125 }", "wheel.radius: error is missing"),
+        ("{ error = 0.002 }", "wheel.radius: value is missing"),
+        (
+            "{ value = 0, error = 0.002 }",
+            "wheel.radius.value: must be a positive length in m, from 0.001 to 5, not 0",
+        ),
+        ("{ value = 0.125, error = -1 }", "wheel.radius.error: must be a length in m, from 0 to 1, not -1"),
+        (
+            "{ value = 0.125, error = 0.1 }",
+            "wheel.radius.error: must be at most 20% of the value, 0.025 m, not 0.1 m",
+        ),
+        ("{ value = 0.125, errors = 0.1 }", "wheel.radius.errors: unknown key"),
+    ],
+)
+def test_a_size_with_an_error_that_makes_no_sense_is_refused(tmp_path, wrong, said):
+    path = tmp_path / "rover.toml"
+    path.write_text(f"[wheel]\nradius = {wrong}\nwidth = 0.1\n")
+    with pytest.raises(ConfigurationError) as error:
+        load(path)
+    assert said in str(error.value)
