@@ -163,7 +163,11 @@ def estimate(
         every = {**with_rivals(with_contact(own), whole, rivals)[1], **_channels(whole)}
         return prediction.past_of_fit(whole, windows, every, found, held)
 
-    fit = behind(lambda late, near: run({**channels, **late}, near=near), past_of, channels, held)
+    def fitted(late: Mapping[str, Array], near: Fit | None, *, errors: bool = True) -> Fit:
+        return run({**channels, **late}, near=near, errors=errors)
+
+    passes = (partial(fitted, errors=False), fitted) if file.model.remembers else (fitted, None)
+    fit = behind(passes[0], past_of, channels, held, passes[1])
     if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
         fewer = needed(whole, own)
         if len(fewer) < len(whole):
@@ -267,10 +271,11 @@ def _fit(
     joint: Collection[int],
     begun: Noise | None,
     near: Fit | None,
+    errors: bool,
 ) -> Fit:
     samples = windows.samples
     priors = _priors(samples, file)
-    lacking, further = suspects(file, windows)
+    lacking, further = suspects(file, windows) if errors else (None, {})
     time = None if samples.time is None else samples.time[windows.rows]
 
     def run(noise: Noise | None, joint: Collection[int]) -> Fit:
@@ -292,6 +297,7 @@ def _fit(
             begun=begun,
             near=near,
             suspects=lacking,
+            noise_errors=errors,
         )
 
     given = {name: noise for name, noise in samples.noise.items() if name in channels and noise.known}

@@ -240,7 +240,10 @@ class Past:
         lags = [np.asarray(value(number), dtype=float) for number in (delay, constant)]
         found = np.zeros((3 if sloped else 1, len(self.place)))
         each: list[tuple[Any, Any]] = [([lag.flat[0] if lag.size else 0.0 for lag in lags], slice(None))]
-        if any(np.any(lag != lag.flat[0]) for lag in lags if lag.size):
+        if not all(np.isfinite(lag).all() for lag in lags):
+            # Where a search is lost, beyond all numbers: no two of them are equal.
+            found[:], each = np.nan, []
+        elif any(np.any(lag != lag.flat[0]) for lag in lags if lag.size):
             pairs = np.stack(np.broadcast_arrays(*lags, self.place)[:2], axis=-1)
             unique, which = np.unique(pairs, axis=0, return_inverse=True)
             each = [(pair, np.flatnonzero(which.ravel() == k)) for k, pair in enumerate(unique)]

@@ -1,9 +1,13 @@
 """Where a search for lags begins."""
 
 import numpy as np
+import pandas as pd
 import pytest
+from wheel_samples import WHEEL, free
 
+import terrain_cli as terrain
 from terrain_cli import effects
+from terrain_cli.estimation.wheel_fit import fitting
 from terrain_cli.estimation.wheel_fit.late_channels import nearest_lags, nothing_late
 from terrain_cli.mechanics.past import along
 from terrain_cli.mechanics.wheel_model import Model
@@ -75,3 +79,22 @@ def test_without_a_past_nothing_is_late():
     assert {LAG, FILTERED} < held.keys()
     assert nothing_late(model(), {**channels, **past(np.ones(SAMPLES))}) == {}
     assert nothing_late(model("slip-sinkage"), channels) == {}
+
+
+def test_the_last_of_several_fits_alone_has_the_errors_of_learnt_noise(tmp_path, monkeypatch):
+    truth = free(1, 300, 11)
+    (tmp_path / "rover.toml").write_text(
+        f"[wheel]\nradius = {WHEEL.radius}\nwidth = {WHEEL.width}\n[soil]\nshear_modulus = 0.02\n"
+    )
+    frame = pd.DataFrame(truth.measured(3, 0.01) | {"time": 0.1 * np.arange(300)})
+    (samples,) = terrain.from_frame(frame, tmp_path / "rover.toml")
+    windows = terrain.segment(samples, "none")
+    count, fits = [], []
+    widened, fitted = fitting.widened, fitting._fitted
+    monkeypatch.setattr(fitting, "widened", lambda *of: count.append(1) or widened(*of))
+    monkeypatch.setattr(fitting, "_fitted", lambda *of, **how: fits.append(1) or fitted(*of, **how))
+    late = terrain.ModelFile(model=model())
+    found = terrain.estimate(windows, model=late)
+    assert len(fits) > 2
+    assert len(count) == 1
+    assert abs(found["phi_deg"][0] - np.degrees(truth.phi[0])) < 3.0 * found["phi_se_deg"][0]

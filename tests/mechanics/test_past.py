@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from terrain_cli.mechanics.dual import seed, slopes
+from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.past import along
 
 RNG = np.random.default_rng(3)
@@ -120,3 +120,13 @@ def test_what_is_not_predicted_is_taken_from_its_neighbours():
     known = np.isfinite(holes)
     np.testing.assert_allclose(past(true=holes).change(0.0, 0.3)[known], whole[known], atol=2e-3)
     assert np.all(past(true=np.full(400, np.nan)).change(0.1, 0.3) == 0.0)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_lag_beyond_all_numbers_shows_nothing_and_takes_no_time(number):
+    late = past()
+    for lag in (number, seed(number, "lag"), np.full(len(TIME), number)):
+        assert np.isnan(value(late.change(0.0, lag))).all()
+    # NaN is no other NaN: each sample once had a series of its own.
+    assert not late.series.kept
+    assert not late.series.reach

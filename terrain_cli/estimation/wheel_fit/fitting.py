@@ -110,6 +110,7 @@ def fit(
     begun: Noise | None = None,
     near: Fit | None = None,
     suspects: Sequence[Effect] | None = None,
+    noise_errors: bool = True,
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
 
@@ -131,7 +132,8 @@ def fit(
     in time; of others there are so many in a `second`. Windows of fewer than `min_samples` are "too-few-
     samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid. `suspects` are
     effects that the model lacks, which would show here (`Fit.moved`); with them, even if there are none,
-    errors hold what a model that misses the torque may be off (`posterior.with_model_error`).
+    errors hold what a model that misses the torque may be off (`posterior.with_model_error`). They hold that
+    of learnt noise unless it is not asked for (`noise_errors`): it takes as long as all else.
 
     InputError: a channel that the model needs is missing.
     """
@@ -172,7 +174,10 @@ def fit(
         likely = [replace(likely[0], problem=problem, begun=ended)]
         if learner is not None:
             likely = _anew(likely[0], data, state, correlated, second, elsewhere=near is None)
-    fits = [_fitted(one, data, correlated=correlated, tempered=by_differences) for one in likely]
+    fits = [
+        _fitted(one, data, correlated=correlated, tempered=by_differences, noise_errors=noise_errors)
+        for one in likely
+    ]
     found, problem = mixed([part for part, _ in fits], likely), likely[0].problem
     order = enough_nodes(problem.noise, data)
     if not by_differences:
@@ -280,7 +285,9 @@ def _of_all(ended: State | None, data: FitData) -> bool:
     return ended is not None and len(ended.t) == len(data.windows) and bool(ended.converged.all())
 
 
-def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) -> tuple[Posterior, Mask]:
+def _fitted(
+    learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool, noise_errors: bool
+) -> tuple[Posterior, Mask]:
     """Fit all windows, and tell which converged: together where they share something, else in groups."""
     data = replace(data, excess=data.excess.copy())
     order = enough_nodes(learnt.problem.noise, data)
@@ -300,7 +307,9 @@ def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) 
         else np.concatenate([getattr(part, f.name) for part in parts])
         for f in fields(one)
     }
-    found = widened(problem, data, Posterior(**together), learnt.others)
+    found = Posterior(**together)
+    if noise_errors:
+        found = widened(problem, data, found, learnt.others)
     return found, np.concatenate(converged)
 
 

@@ -30,16 +30,18 @@ def behind(
     past_of: Callable[[Fit], Mapping[str, Any]],
     measured: Mapping[str, Any],
     held: Mapping[str, Any],
+    whole: Callable[[Mapping[str, Any], Fit | None], Fit] | None = None,
 ) -> Fit:
     """Fit a model; where it has late channels, again behind what it predicts, until that is settled.
 
     `fitted` fits it with the past of some channels, from where a fit ended that had nearly the same, and
     `past_of` returns what a fit predicts along whole stretches, without what it has late. `measured` are the
-    channels, and `held` the parameters that are not sought.
+    channels, and `held` the parameters that are not sought. Where errors take long, `fitted` has not all of
+    them, and `whole` fits once more with them.
     """
     found = fitted({}, None)
     if not found.model.remembers or not (past := past_of(found)):
-        return found
+        return whole({}, found) if whole else found
     lags = nearest_lags(found.model, past, measured, held)
     # What it left was no noise. A channel that its base does not predict has a lag all the same.
     none = nothing_late(found.model, {})
@@ -54,7 +56,7 @@ def behind(
         if number and settled(values - before, errors):
             break
         near, past = found, past_of(found)
-    return found
+    return whole(past, found) if whole else found
 
 
 def nearest_lags(
