@@ -150,3 +150,38 @@ def test_options_that_only_estimate_has_come_from_the_rover_file_too(folder, ter
     _, values = in_json(json.loads(terrain_est_here("compare", log, *given, "--json").stdout)["segments"])
     np.testing.assert_allclose(values, numbers, rtol=1e-9)
     assert not np.allclose(numbers, plain, rtol=1e-6)
+
+
+@pytest.mark.parametrize("options", [(), ("--jobs", "2")])
+def test_strengths_of_all_inputs_are_at_one_stress(folder, terrain_est_here, tmp_path, options):
+    """That of the first input: a wheel with a tenth of the load would have its own."""
+    text = (folder / "run.csv").read_text().splitlines()
+    load = text[0].split(",").index("load")
+    rows = [line.split(",") for line in text[1:]]
+    for row in rows:
+        row[load] = f"{0.1 * float(row[load]):.6g}"
+    (tmp_path / "light.csv").write_text("\n".join([text[0], *map(",".join, rows)]) + "\n")
+    (tmp_path / "rover.toml").write_text(ROVER)
+    (tmp_path / "run.csv").write_text("\n".join(text) + "\n")
+    method = ("--method", "least-squares", "--segments", "none", "-q")
+
+    def stresses(*inputs):
+        done = terrain_est_here("estimate", *inputs, *method, *options, "--summary", "s.json", cwd=tmp_path)
+        rows = list(csv.DictReader(io.StringIO(done.stdout)))
+        (pooled,) = {
+            one["pooled"]["stress_kPa"] for one in json.loads((tmp_path / "s.json").read_text())["terrains"]
+        }
+        return [float(row["stress_kPa"]) for row in rows], pooled
+
+    heavy, light = stresses("run.csv")[1], stresses("light.csv")[1]
+    assert light < heavy
+    assert stresses("run.csv", "light.csv") == ([heavy] * 4, heavy)
+    assert stresses("light.csv", "run.csv") == ([light] * 4, light)
+    if options:
+        return
+    # A batch estimates each input by itself, and pools them at the stress of the first.
+    batch = ("batch", "light.csv", "run.csv", "-o", "out", *method)
+    assert terrain_est_here(*batch, cwd=tmp_path).returncode == 0
+    pooled = [one["pooled"] for one in json.loads((tmp_path / "out/summary.json").read_text())["terrains"]]
+    assert {one["stress_kPa"] for one in pooled} == {light}
+    assert all(one["strength_at_stress_kPa"] is not None for one in pooled)

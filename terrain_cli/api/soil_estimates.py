@@ -167,7 +167,7 @@ def _fits(
             one, method, file, robust=robust, at_stress=stress, needed=needed_segments, **options
         )
         fits.append(fit)
-        stress = estimators.common_stress(stress, fit)
+        stress = estimators.common_stress(stress, fit.estimates)
     return fits
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -195,8 +196,12 @@ def _write(  # noqa: C901 - one branch for each thing asked for
 def _outcomes(
     logs: Sequence[str], rover: Rover, settings: Settings, *, jobs: int, quiet: bool
 ) -> list[Outcome]:
-    """Run every input, in order, with a progress bar once it has taken a second."""
+    """Run every input, in order, with a progress bar once it has taken a second.
+
+    Strengths of all are at one stress: that of the first input which has one. The others then wait for it.
+    """
     from terrain_cli import processes
+    from terrain_cli.estimation.estimators import common_stress
     from terrain_cli.run import one_log
 
     with Progress(len(logs), enabled=not quiet) as progress, processes.jobs(jobs):
@@ -206,11 +211,22 @@ def _outcomes(
                 progress.advance()
             progress.say(path, "")
 
-        work = partial(one_log.run, rover=rover, settings=settings)
-        if min(jobs, len(logs)) == 1:
-            # What shows the progress cannot be sent to another process.
-            work = partial(work, progress=progress.say, ahead=processes.cores() > 1)
-        return processes.each(work, logs, begin)
+        def run(paths: Sequence[str], settings: Settings) -> list[Outcome]:
+            work = partial(one_log.run, rover=rover, settings=settings)
+            if min(jobs, len(paths)) == 1:
+                # What shows the progress cannot be sent to another process.
+                work = partial(work, progress=progress.say, ahead=processes.cores() > 1)
+            return processes.each(work, paths, begin)
+
+        done: list[Outcome] = []
+        stress = settings.stress
+        while stress is None and len(done) < len(logs):
+            done += run(logs[len(done) : len(done) + 1], settings)
+            for estimates in done[-1].estimates:
+                stress = common_stress(stress, estimates)
+        if stress is not None:
+            settings = replace(settings, at_stress=stress / 1e3)
+        return done + run(logs[len(done) :], settings)
 
 
 def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:

@@ -8,6 +8,7 @@ the triangles may leave a tenth of c. None averages out over samples, nor over w
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -27,7 +28,8 @@ from terrain_cli.windows.cut_windows import Windows
 _SOME, _GROUP = 60, 20_000
 #: c1 and c2 of θm = (c1 + c2 i) θ1: Iagnemma et al. 2004, and loose and compact sand (Wong & Reece 1967).
 _SHAPES = ((0.5, 0.0), (0.18, 0.32), (0.43, 0.32))
-_EXPONENT = 0.85  # n in the middle of Table II of Iagnemma et al. 2004; keq follows from the loads.
+#: n: mean less and plus standard deviation of Table II of Iagnemma et al. 2004. keq follows from the loads.
+_EXPONENTS = (0.6, 1.1)
 _ORDER = 8  # Nodes on each arc: 1e-4 of the forces
 #: Least and greatest c in Pa and tan φ of soils: c as far as four standard deviations of `unknowns.DEFAULT`.
 _SOILS = (np.array([0.0, 0.05]), np.array([22.5e3, np.tan(LARGEST_PHI)]))
@@ -120,13 +122,13 @@ def _deviations(found: Array, windows: Windows, method: LineMethod) -> Array:
     for error in stated_errors(samples, measured):
         more, less = (line(*with_error(error, by, samples, measured)) for by in (1.0, -1.0))
         moved.append(0.5 * (more - less))
-    scale = np.sqrt(len(_SHAPES))
-    for shape in _SHAPES:
+    triangles = list(product(_SHAPES, _EXPONENTS))
+    for under in triangles:
 
-        def estimated(soil: Array, shape: tuple[float, float] = shape) -> Array:
-            return line(geometry, {**measured, **_under_wheel(windows, soil, shape)})
+        def estimated(soil: Array, under: tuple[tuple[float, float], float] = under) -> Array:
+            return line(geometry, {**measured, **_under_wheel(windows, soil, *under)})
 
-        moved.append((found - _origin(found, estimated)) / scale)
+        moved.append((found - _origin(found, estimated)) / np.sqrt(len(triangles)))
     return np.nan_to_num(np.array(moved).transpose(2, 1, 0), posinf=0.0, neginf=0.0)
 
 
@@ -146,7 +148,9 @@ def _origin(found: Array, estimated: Callable[[Array], Array]) -> Array:
     return soil
 
 
-def _under_wheel(windows: Windows, soil: Array, shape: tuple[float, float]) -> dict[str, Array]:
+def _under_wheel(
+    windows: Windows, soil: Array, shape: tuple[float, float], exponent: float
+) -> dict[str, Array]:
     """Return load and torque by the full model on soils (c, tan φ), at the sinkages and slips measured."""
     geometry, measured, count = windows.samples.geometry, windows.measured(), np.diff(windows.bounds)
     cohesion, tan_phi = (np.repeat(np.nan_to_num(column), count) for column in soil)
@@ -164,7 +168,7 @@ def _under_wheel(windows: Windows, soil: Array, shape: tuple[float, float]) -> d
                 tan_phi=tan_phi,
                 shear_modulus=np.full(number, geometry.shear_modulus),
                 stiffness=stiffness,
-                sinkage_exponent=np.full(number, _EXPONENT),
+                sinkage_exponent=np.full(number, exponent),
                 radius=np.full(number, geometry.radius),
                 shear_radius=np.full(number, geometry.radius),
             ),

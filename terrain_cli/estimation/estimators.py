@@ -47,9 +47,9 @@ class Fitted:
     noise: Noise | None = None  # Of the full model: where a fit of more of these samples may begin
 
 
-def common_stress(stress: float | None, fitted: Fitted) -> float | None:
-    """Return the stress in Pa at which the next wheel of a log is compared: that given, or the last one."""
-    found = fitted.estimates.stress
+def common_stress(stress: float | None, estimates: WindowEstimates) -> float | None:
+    """Return the stress in Pa at which the next wheel or log is compared: that given, or the last one."""
+    found = estimates.stress
     return stress if stress is not None or len(found) == 0 or np.isnan(found[0]) else float(found[0])
 
 
@@ -351,13 +351,12 @@ class EstimateRequest:
         None without torque or sinkage, where `estimate` has no answer.
         """
         file = choose("auto", self.file, robust=self.robust)
-        stresses: dict[str, float | None] = {}
+        stress = self.stress
         found: list[tuple[Bounds, WindowEstimates] | None] = []
         for windows in self.wheels:
             if not windows.lined:
                 found.append(None)
                 continue
-            source = windows.samples.source
             fitted = estimate(
                 windows,
                 "auto",
@@ -365,11 +364,10 @@ class EstimateRequest:
                 min_samples=self.min_samples,
                 folds=self.folds,
                 robust=self.robust,
-                at_stress=stresses.get(source, self.stress),
+                at_stress=stress,
                 needed=self.needed,
             )
-            # Wheels of one log are compared at one stress.
-            stresses[source] = common_stress(stresses.get(source, self.stress), fitted)
+            stress = common_stress(stress, fitted.estimates)
             found.append((fitted.windows.bounds, fitted.estimates))
         return found
 

@@ -34,16 +34,18 @@ def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table["terrain"], table["wheel"], strict=True)):
         groups.setdefault(key, []).append(row)
-    return [_group(*key, table, estimates, np.array(rows)) for key, rows in sorted(groups.items())]
+    # Inputs of a batch have a stress each; soils are compared at that of the first.
+    stress = next(iter(estimates.stress[np.isfinite(estimates.stress)].tolist()), np.nan)
+    return [_group(*key, table, estimates, np.array(rows), stress) for key, rows in sorted(groups.items())]
 
 
-def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: Index) -> dict[str, Any]:
+def _group(
+    terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: Index, stress: float
+) -> dict[str, Any]:
     found = estimates.status[rows]
     status = found.tolist()
     distance = table["distance_m"][rows]
     pooled = estimation.pool(estimates, rows)
-    stresses = np.unique(estimates.stress[rows])
-    stress = float(stresses[0]) if len(stresses) == 1 else np.nan
     mapped, mapped_se = map(float, strength_at(stress, pooled))
     long = rows[found != "too-few-samples"]
     separable = rows[(found != "too-few-samples") & estimates.separable[rows]]

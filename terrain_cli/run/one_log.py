@@ -105,7 +105,7 @@ def run(
         )
         cut = fitted.windows
         # Wheels of one log are compared at one stress.
-        stress = estimators.common_stress(stress, fitted)
+        stress = estimators.common_stress(stress, fitted.estimates)
         told["model"] = fitted.account
         tables.append(segment_table.table(cut, fitted.estimates))
         mixed = segment_table.several_terrains(samples, tables[-1])

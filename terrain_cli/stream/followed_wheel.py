@@ -239,7 +239,7 @@ class FollowedWheel:
         self._past += count
         row, fitted = self._fitted(samples)
         self.mixed |= segment_table.several_terrains(samples, row)
-        self._stress.value = estimators.common_stress(self._stress.value, fitted)
+        self._stress.value = estimators.common_stress(self._stress.value, fitted.estimates)
         if self._file is not None:
             self._held.append((row, samples.taken(slice(None, None, -(-count // _OF_EACH)))))
         self.closed += 1
@@ -270,7 +270,7 @@ class FollowedWheel:
         if not self._held:
             return []
         cut, fitted = self._fit([part for _, part in self._held], stress)
-        stress.value = estimators.common_stress(stress.value, fitted)
+        stress.value = estimators.common_stress(stress.value, fitted.estimates)
         found = segment_table.table(cut, fitted.estimates)
         own = [{name: found[name][place : place + 1] for name in _OF_FIT} for place in range(len(self._held))]
         return [{**row, **columns} for (row, _), columns in zip(self._held, own, strict=True)]

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from simulator import Soil, Wheel, forces
+from simulator import CHANNELS, Drive, Sensor, Soil, Track, Wheel, forces, simulate, undulation, wave
+from simulator.logs import write_csv
 from wheel_samples import WHEEL, free
 
 import terrain_cli as terrain
@@ -98,6 +99,25 @@ def test_the_errors_reach_the_soil_that_leads_to_the_estimate(tmp_path):
     (row,) = terrain.estimate(terrain.segment(samples, "none"), "least-squares").to_dict("records")
     assert row["c_kPa"] < 0.3 * 4.14
     assert abs(row["c_kPa"] - 4.14) < 2.0 * row["c_se_kPa"]
+
+
+@pytest.mark.parametrize(
+    ("seed", "c1", "c2"), [(0, 0.5, 0.0), (3, 0.35, 0.15), (6, 0.43, 0.32), (9, 0.3, 0.05)]
+)
+def test_the_errors_hold_on_soil_whose_exponent_is_small(seed, c1, c2, tmp_path):
+    # Of n = 0.55 the triangles leave more than of 0.85, the middle of what is published.
+    clay = Soil("clay", 4600.0, math.radians(14.0), 0.011, 12e3, 1.1e6, 0.55, c1=c1, c2=c2, exit_ratio=0.1)
+    track = Track("wheel", [(clay, 40.0)], undulation(98.0, 0.25, 2.5, seed=seed), wave(0.2, 0.5, 7.0))
+    sensors = {name: Sensor(relative=0.02) for name in ("load", "torque", "sinkage", "slip")}
+    drive = Drive([track], rate=5.0, sensors=sensors, channels=(*CHANNELS, "slip"), seed=seed)
+    write_csv(simulate(drive), tmp_path / "clay.csv")
+    (tmp_path / "rover.toml").write_text(
+        "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = { value = 0.011, factor = 1.05 }\n"
+    )
+    (samples,) = terrain.read(tmp_path / "clay.csv", tmp_path / "rover.toml")
+    (row,) = terrain.estimate(terrain.segment(samples, "none"), "least-squares").to_dict("records")
+    assert abs(row["c_kPa"] - 4.6) < 1.6 * row["c_se_kPa"]
+    assert abs(row["phi_deg"] - 14.0) < 1.6 * row["phi_se_deg"]
 
 
 def test_windows_worked_on_in_groups_have_the_same_errors(table, tmp_path, monkeypatch):
