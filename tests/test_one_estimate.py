@@ -8,6 +8,7 @@ import json
 import re
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from simulator import CHANNELS, DRY_SAND, UPLAND_SANDY_LOAM, Drive, Sensor, Track, simulate, undulation, wave
 from simulator.logs import write_csv
@@ -179,9 +180,14 @@ def test_strengths_of_all_inputs_are_at_one_stress(folder, terrain_est_here, tmp
     assert stresses("light.csv", "run.csv") == ([light] * 4, light)
     if options:
         return
-    # A batch estimates each input by itself, and pools them at the stress of the first.
+    # A batch estimates each input by itself; its table and what is pooled are at the stress of the first.
     batch = ("batch", "light.csv", "run.csv", "-o", "out", *method)
     assert terrain_est_here(*batch, cwd=tmp_path).returncode == 0
     pooled = [one["pooled"] for one in json.loads((tmp_path / "out/summary.json").read_text())["terrains"]]
     assert {one["stress_kPa"] for one in pooled} == {light}
     assert all(one["strength_at_stress_kPa"] is not None for one in pooled)
+    both = terrain_est_here("estimate", "light.csv", "run.csv", *method, cwd=tmp_path).stdout
+    rows = list(csv.DictReader(io.StringIO(both)))
+    told = pq.read_table(tmp_path / "out/segments.parquet").to_pylist()
+    for name in ("stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa"):
+        np.testing.assert_allclose([row[name] for row in told], [float(row[name]) for row in rows], rtol=1e-9)

@@ -5,6 +5,7 @@ ends with the same bytes. Rows stand in the order of the inputs' names, each con
 """
 
 import json
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -108,27 +109,31 @@ class Assemble:
         from terrain_cli.presentation import segment_files, segment_table
 
         state = Path(self.folder, STATE)
-        document, crs = self._summary()
+        document, crs, stress = self._summary()
         for kind in self.kinds:
             path = str(state / f"{TABLE}.{kind}")
             if kind == "parquet":
-                formats.write_parts(self._tables(crs), path, crs=crs)
+                formats.write_parts(self._tables(crs, stress), path, crs=crs)
             else:
                 # These cannot be written in parts.
-                segment_files.write(segment_table.join(list(self._tables(crs))), path, crs)
+                segment_files.write(segment_table.join(list(self._tables(crs, stress))), path, crs)
         with formats.replacing(str(state / SUMMARY)) as temporary:
             Path(temporary).write_text(as_json(document) + "\n", encoding="utf-8")
         return Reply()
 
-    def _summary(self) -> tuple[dict[str, Any], str | None]:
-        """Read all records, and keep of them what the summary needs; also the reference system."""
+    def _summary(self) -> tuple[dict[str, Any], str | None, float]:
+        """Read all records, and keep of them what the summary needs.
+
+        Also return the reference system, and the stress in Pa at which all strengths are compared.
+        """
         from terrain_cli import estimation
+        from terrain_cli.estimation.strength import stress_of_all
         from terrain_cli.presentation import segment_table, summary
 
         counts = Counter(part.configuration for part in self.parts)
         batch = {**self.account, "configurations": dict(sorted(counts.items()))}
         if not self.parts:
-            return {"format": summary.FORMAT, "batch": batch, "inputs": [], "terrains": []}, None
+            return {"format": summary.FORMAT, "batch": batch, "inputs": [], "terrains": []}, None, math.nan
         tables, estimates, accounts, systems = [], [], [], set()
         channels: dict[str, dict[str, str]] = {}
         for block in self._blocks():
@@ -141,22 +146,20 @@ class Assemble:
                     # Held once is what takes most of an account and is the same in nearly all.
                     wheel["channels"] = channels.setdefault(json.dumps(wheel["channels"]), wheel["channels"])
                 accounts.append(told)
-        document = summary.document(
-            segment_table.join(tables),
-            estimation.join(estimates),
-            accounts,
-            self.configuration.settings.document(),
-        )
-        return {"batch": batch, **document}, next(iter(systems - {None}), None)
+        every = estimation.join(estimates)
+        settings = self.configuration.settings.document()
+        document = summary.document(segment_table.join(tables), every, accounts, settings)
+        return {"batch": batch, **document}, next(iter(systems - {None}), None), stress_of_all(every)
 
-    def _tables(self, crs: str | None) -> Iterator[Table]:
-        """Read the table, some inputs at a time."""
+    def _tables(self, crs: str | None, stress: float) -> Iterator[Table]:
+        """Read the table, some inputs at a time, with all strengths at one stress in Pa."""
         import numpy as np
 
         from terrain_cli.presentation import segment_table
 
         for block in self._blocks():
-            table = segment_table.join([rows for rows, _, _ in block])
+            each = [segment_table.at_one_stress(rows, own, stress) for rows, own, _ in block]
+            table = segment_table.join(each)
             if crs and segment_table.reference_system(table, crs) is None:
                 # As `join` has it: one reference system for all.
                 table["WKT"] = [""] * len(table["WKT"])

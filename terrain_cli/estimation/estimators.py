@@ -16,7 +16,7 @@ from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_rivals, with_stated_errors
 from terrain_cli.estimation.joint_grid import JointPosterior
-from terrain_cli.estimation.strength import with_strengths
+from terrain_cli.estimation.strength import stress_of_all, with_strengths
 from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
 from terrain_cli.estimation.wheel_fit.late_channels import behind
 from terrain_cli.mechanics.wheel_model import Model
@@ -49,8 +49,9 @@ class Fitted:
 
 def common_stress(stress: float | None, estimates: WindowEstimates) -> float | None:
     """Return the stress in Pa at which the next wheel or log is compared: that given, or the last one."""
-    found = estimates.stress
-    return stress if stress is not None or len(found) == 0 or np.isnan(found[0]) else float(found[0])
+    if stress is not None or np.isnan(found := stress_of_all(estimates)):
+        return stress
+    return found
 
 
 def choose(

@@ -39,6 +39,12 @@ def typical_stress(stress: Array) -> float:
     return float(np.round(10.0 ** _STEPS[np.argmin(np.abs(_STEPS - rest))]) * 10.0**decade)
 
 
+def stress_of_all(estimates: WindowEstimates) -> float:
+    """Return the stress, Pa, at which several logs are compared: that of the first, NaN without one."""
+    known = estimates.stress[np.isfinite(estimates.stress)]
+    return float(known[0]) if len(known) else np.nan
+
+
 def with_strengths(
     estimates: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
@@ -61,6 +67,27 @@ def with_strengths(
         stress=common,
         strength_at_stress=mapped,
         strength_at_stress_se=mapped_se,
+    )
+
+
+def at_one_stress(estimates: WindowEstimates, stress: float) -> WindowEstimates:
+    """Return estimates of several logs with all strengths at one stress, Pa, instead of that of each log.
+
+    c and φ may be empty where they are not told; what is known of both together still has its strength.
+    """
+    own, parts = estimates, []
+    with np.errstate(invalid="ignore"):
+        for part in ("data", "assumed"):
+            c, tan_phi, corr = (getattr(own, f"{part}_{name}") for name in ("c_se", "tan_phi_se", "corr"))
+            parts.append(c**2 + 2.0 * stress * np.nan_to_num(corr) * c * tan_phi + (stress * tan_phi) ** 2)
+        error = np.sqrt(np.maximum(sum(parts), 0.0))
+    # As it stands where a log was compared there itself.
+    other = np.isfinite(own.strength_at_stress) & (own.stress != stress)
+    return replace(
+        own,
+        stress=np.where(other, stress, own.stress),
+        strength_at_stress=np.where(other, own.data_c + stress * own.data_tan_phi, own.strength_at_stress),
+        strength_at_stress_se=np.where(other, error, own.strength_at_stress_se),
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_cli.estimation import WindowEstimates, assumed
+from terrain_cli.estimation import WindowEstimates, assumed, strength
 from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -29,10 +29,10 @@ COLUMNS = (
 )
 #: What each window's estimate gives, with its unit at the end of the name.
 SOIL = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "corr_c_phi")
+_MAPPED = ("stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa")
 _ESTIMATED = (
     *(*SOIL, "c_ls_kPa", "phi_ls_deg", "c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number"),
-    *("sigma_star_kPa", "strength_kPa", "strength_se_kPa", "stress_kPa"),
-    *("strength_at_stress_kPa", "strength_at_stress_se_kPa"),
+    *("sigma_star_kPa", "strength_kPa", "strength_se_kPa", *_MAPPED),
 )
 #: Of a table of samples: channel → column.
 _SAMPLE_COLUMNS = {
@@ -87,6 +87,11 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "WKT": _tracks(windows),
     }
     return {name: values[name] for name in COLUMNS}
+
+
+def at_one_stress(rows: Table, estimates: WindowEstimates, stress: float) -> Table:
+    """Return rows of several logs with all strengths at one stress, Pa (`strength.at_one_stress`)."""
+    return {**rows, **in_units(strength.at_one_stress(estimates, stress), _MAPPED)}
 
 
 def in_units(found: Any, columns: Sequence[str]) -> Table:

@@ -7,7 +7,7 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.estimation import PooledEstimate, WindowEstimates
-from terrain_cli.estimation.strength import strength_at
+from terrain_cli.estimation.strength import strength_at, stress_of_all
 from terrain_cli.presentation.segment_table import SOIL, Table, in_units
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.arrays import Array, Index
@@ -35,7 +35,7 @@ def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
     for row, key in enumerate(zip(table["terrain"], table["wheel"], strict=True)):
         groups.setdefault(key, []).append(row)
     # Inputs of a batch have a stress each; soils are compared at that of the first.
-    stress = next(iter(estimates.stress[np.isfinite(estimates.stress)].tolist()), np.nan)
+    stress = stress_of_all(estimates)
     return [_group(*key, table, estimates, np.array(rows), stress) for key, rows in sorted(groups.items())]
 
 
