@@ -74,7 +74,6 @@ class ScaledDifferences:
         self._data, self._residual = data, np.zeros_like(data.measured)
 
     def add(self, block: Index, _: FitData, found: Equations) -> None:
-        """Keep the residuals of some windows."""
         bounds = self._data.bounds
         self._residual[:, bounds[block[0]] : bounds[block[-1] + 1]] = found.bounded
 
@@ -238,7 +237,6 @@ class LikelyNoise:
         self._taken = np.zeros((number, windows, self._size, self._size))
 
     def add(self, block: Index, data: FitData, found: Equations) -> None:
-        """Add the samples of some windows."""
         bounds = self._data.bounds
         self._residual[:, bounds[block[0]] : bounds[block[-1] + 1]] = found.bounded
         vectors = self._vectors(data, found)
