@@ -28,30 +28,15 @@ OTHERWISE = {
     "multi-pass": {"drive": "passes"},  # "mixed" never comes back to its own track
     "grouser-ripple": {"rate": 20.0, "duration": 60.0},  # a grouser passes in 0.7 s
 }
-#: The driver along which the trace of an effect is drawn: what its law reads, else slip or load.
+#: The driver along which the trace of an effect is drawn, where it is neither the first that its law reads nor
+#: else the slip.
 DRIVERS = {
-    "slip-sinkage": "slip",
-    "max-stress-angle": "slip",
-    "rear-contact": "slip",
-    "grousers": "slip",
     "bulldozing": "sinkage",
-    "side-slip": "slip_angle",
-    "multi-pass": "pass_number",
-    "drivetrain-friction": "angular_velocity",
-    "gear-efficiency": "slip",
-    "motor-temperature": "motor_temperature",
-    "rate-dependence": "velocity",
-    "slope": "pitch",
     "load-transfer": "pitch",
-    "load-bias": "load",
-    "sinkage-bias": "sinkage",
     "drawbar-bias": "load",
-    "wheel-radius": "slip",
     "sinkage-relaxation": "acceleration",
     "sensor-lag": "acceleration",
     "acceleration-torque": "acceleration",
-    "shear-modulus": "slip",
-    "post-peak-softening": "slip",
     "strength-curvature": "load",
     "hardpan": "sinkage",
     "crust": "sinkage",
@@ -91,7 +76,8 @@ def entry(effect):
     found = terrain.diagnose(terrain.simulate(effects=effect, **drive).samples)
     comparison = found.found.comparison
     (wheel,) = comparison.wheels
-    driver = wheel.drivers[DRIVERS[effect]]
+    read = next((name for name in catalogue()[effect].reads if name in wheel.drivers), "slip")
+    driver = wheel.drivers[DRIVERS.get(effect, read)]
     values = np.mod(driver.values, 2 * np.pi / GROUSERS) if driver.name == "wheel_angle" else driver.values
     return {
         "drive": drive,

@@ -191,6 +191,19 @@ def test_every_path_in_contributing_is_there():
     }
 
 
+def test_every_function_in_contributing_is_there():
+    """`room/module.py` (`function`, then `other`)."""
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition("## Glossary")[0]
+    named = [
+        (path, name)
+        for path, names in re.findall(r"`([\w/]+\.py)` \((`\w+`(?:,(?: then)? `\w+`)*)\)", text)
+        for name in re.findall(r"\w+", names.replace("then", ""))
+    ]
+    assert len(named) > 15
+    for path, name in named:
+        assert f"\ndef {name}(" in (ROOT / "terrain_cli" / path).read_text("utf-8"), name
+
+
 def test_packages_name_only_modules_that_are_there():
     stale = set()
     for path in ROOT.glob("terrain_cli/*/**/__init__.py"):

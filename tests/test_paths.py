@@ -30,7 +30,6 @@ PARAMETERS = {
     for name, context in COMMANDS.items()
     for parameter in context.command.params
 }
-WRITTEN = {key: (n, p) for key, (n, p) in PARAMETERS.items() if isinstance(p.type, paths.Writes)}
 #: What each type is given to read; the model names the effect.
 READ = {
     paths.INPUT: "run.csv",
@@ -41,6 +40,12 @@ READ = {
     paths.EFFECT_FILE: "effect.toml",
     paths.PLACES: "places.csv",
     paths.DRIVE: "drive.toml",
+}
+#: Outputs of the verbs that read a file.
+WRITTEN = {
+    key: (name, parameter)
+    for key, (name, parameter) in PARAMETERS.items()
+    if isinstance(parameter.type, paths.Writes) and any(p.type in READ for p in COMMANDS[name].command.params)
 }
 MODEL = 'format = "terrain-est/model/1"\nbase = "wong-reece"\neffects = ["effect.toml"]\n'
 

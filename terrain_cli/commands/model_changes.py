@@ -338,7 +338,6 @@ class _Drafts:
         return os.path.relpath(name, self.folder)
 
     def tidy(self, kept: tuple[str, ...]) -> None:
-        """Remove the drafts that did not pay."""
         for path in self.written:
             if os.path.relpath(path, self.folder) not in kept:
                 path.unlink(missing_ok=True)

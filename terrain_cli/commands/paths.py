@@ -141,8 +141,6 @@ class _Folder(Writes):
 
 
 class _Pictures(_Folder):
-    """A folder of pictures."""
-
     _ENDINGS = (".png", ".svg")
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -167,8 +165,6 @@ class _Pictures(_Folder):
 
 
 class _Batch(_Folder):
-    """The folder of a batch."""
-
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the folder, and what a batch adds to: all else it replaces by name, links and all."""
         from terrain_cli.batch.batch_folder import GROWING

@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.comparison.comparison_outcome import Series
 from terrain_cli.comparison.distributions import student_quantile
-from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.arrays import Array, Index, ratio
 
 #: Webb's six points: as symmetric as signs, but without their few distinct draws (Webb 2023,
 #: Canadian Journal of Economics 56(3), doi 10.1111/caje.12661).
@@ -128,7 +128,7 @@ def logarithmic_roots(sums: Array) -> Array:
     """Return the logarithms of root mean squares from sums of squares and their number, the last column."""
     n = sums[..., -1:]
     squares = np.maximum(sums[..., :-1], _TINY)
-    return 0.5 * np.log(np.divide(squares, n, out=np.full_like(squares, np.nan), where=n > 0.0))
+    return 0.5 * np.log(ratio(squares, n, np.nan))
 
 
 def jackknife_error(without: Array) -> float:

@@ -71,7 +71,6 @@ def seen(wheels: Sequence[Windows]) -> list[Windows]:
 
 
 def number(several: Iterable[Samples]) -> int:
-    """Return how many usable samples are kept aside."""
     return sum(int(one.aside[one.usable].sum()) for one in several if one.aside is not None)
 
 

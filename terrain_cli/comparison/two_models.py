@@ -37,7 +37,6 @@ def paired_soils(first: Comparison, second: Comparison) -> list[tuple[Soils, Soi
 
 
 def both_predict(first: Comparison, second: Comparison) -> list[str]:
-    """Return the channels that two models predict."""
     return [name for name in UNITS if name in first.channels and name in second.channels]
 
 

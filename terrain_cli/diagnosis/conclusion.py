@@ -226,7 +226,6 @@ def _more(found: Evidence) -> str:
 
 
 def _size(above: Mapping[str, float]) -> str:
-    """Say how large the errors beyond the noise are."""
     (first, ratio), *others = above.items()
     told = [f"{_number(ratio)} × the noise in {first}", *(f"{_number(one)} × in {n}" for n, one in others)]
     return f"the held-out error is {listed(told)}"
@@ -315,7 +314,6 @@ def _did_not_pay(found: Evidence) -> str:
 
 
 def _record(found: Evidence, *, few: bool) -> str:
-    """Say what to measure."""
     if few:
         return _more(found)
     # On the same track the soil would vary as it did.

@@ -238,7 +238,6 @@ def _white(part: SmoothedData, model: Model, numbers: Mapping[str, Array]) -> Ar
 
 
 def absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, Array]:
-    """Return parameters with the effect absent."""
     own = hypothesis.parameters
     return {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
 

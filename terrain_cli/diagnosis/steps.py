@@ -334,7 +334,6 @@ def _best_form(data: Ground, one: Hypothesis) -> Fitted:
 
 
 def _again(data: Ground, pair: Fitted) -> Fitted:
-    """Fit a hypothesis from where it was fitted."""
     one, before = pair
     return one, refits.over_shapes(data, one, refits.refit(data, one, begun=before.solutions))
 

@@ -20,7 +20,7 @@ from terrain_cli.estimation.line.pooled import Trace
 from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE, soils
 from terrain_cli.mechanics import contact, linear
 from terrain_cli.telemetry.wheel_samples import Geometry
-from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array, ratio
 from terrain_cli.vocabulary.choices import LARGEST_PHI, LineMethod
 from terrain_cli.windows.cut_windows import Windows
 
@@ -61,7 +61,7 @@ def with_assumptions(
         sigma_star=np.where(np.isfinite(pivot), pivot, estimates.sigma_star),
         assumed_c_se=size_c,
         assumed_tan_phi_se=size_t,
-        assumed_corr=np.clip(np.divide(mixed, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0),
+        assumed_corr=np.clip(ratio(mixed, both), -1.0, 1.0),
     )
 
 

@@ -379,7 +379,6 @@ class EstimateRequest:
 
 
 def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[tuple[Bounds, WindowEstimates] | None]]:
-    """Return the estimates of several requests."""
     return [one.estimates for one in asked]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from terrain_cli.estimation.line.pooled import PooledEstimate
 from terrain_cli.estimation.line.window_estimates import WindowEstimates
 from terrain_cli.telemetry import Samples
-from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.arrays import Array, Index, ratio
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
@@ -20,7 +20,7 @@ def mean_stress(load: Array, sinkage: Array, radius: float, width: float) -> Arr
     """Return the load by the ground that carries it, W / (b r sin θ1), in Pa; NaN without sinkage."""
     share = np.clip(sinkage / radius, 0.0, 1.0)
     length = radius * np.sqrt(share * (2.0 - share))
-    return np.divide(load, width * length, out=np.full_like(length, np.nan), where=length > 0.0)
+    return ratio(load, width * length, np.nan)
 
 
 def _stresses(samples: Samples, rows: Index) -> Array:

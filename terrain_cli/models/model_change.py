@@ -241,7 +241,6 @@ def _tried_on(entry: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _inputs(sources: Collection[str]) -> set[str]:
-    """Return the inputs that were joined."""
     return {one for several in sources for one in several.split(", ")}
 
 

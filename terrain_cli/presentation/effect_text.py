@@ -104,13 +104,11 @@ def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
 
 
 def text_of_assumption(assumption: Assumption) -> str:
-    """Tell a person all about what a base takes for granted."""
     what = _field("what", "an assumption of a base, which model add removes")
     return "\n".join([f"{assumption.id}: {assumption.title}", *what, *_prose(assumption)])
 
 
 def checked_text(file: str, understood: Understood) -> str:
-    """Tell a person what was understood of a file."""
     effect = understood.effect
     lines = [f"{file}: nothing is wrong", f"{effect.id}: {effect.title}", *_summary(effect)]
     for quantity, units in understood.units.items():

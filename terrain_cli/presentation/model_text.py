@@ -12,7 +12,6 @@ HISTORY_FORMAT = "terrain-est/model-history/1"
 
 
 def document(name: str, file: ModelFile) -> dict[str, Any]:
-    """Describe a model for JSON."""
     return {
         "format": FORMAT,
         "model": name,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from terrain_cli.estimation import WindowEstimates, assumed, strength
 from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
-from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.arrays import Array, Index, ratio
 from terrain_cli.vocabulary.quantities import the_wheel
 from terrain_cli.windows.cut_windows import Windows
 
@@ -307,7 +307,7 @@ def _of_grid(grid: JointGrid) -> Table:
 def _of_parameters(one: JointPosterior) -> Table:
     p, error = len(one.names), np.sqrt(np.diagonal(one.covariance))
     product = np.outer(error, error)
-    correlation = np.divide(one.covariance, product, out=np.full_like(product, np.nan), where=product > 0.0)
+    correlation = ratio(one.covariance, product, np.nan)
     return {
         "parameter": [name for name in one.names for _ in range(p)],
         "unit": [unit for unit in one.units for _ in range(p)],

@@ -151,7 +151,6 @@ class Follow:
         )
 
     def _tell(self) -> None:
-        """Tell the remarks that are new."""
         if self._samples is not None:
             for remark in self._samples.remarks[self._told :]:
                 self._teller.remark(remark)

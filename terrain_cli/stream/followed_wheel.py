@@ -256,7 +256,6 @@ class FollowedWheel:
     def _fit(
         self, segments: list[Samples], stress: CommonStress, begun: Noise | None = None
     ) -> tuple[cut_windows.Windows, Fitted]:
-        """Estimate several segments together."""
         parts = [replace(part, stretch=np.full(len(part), place)) for place, part in enumerate(segments)]
         cut = cut_windows.cut(joined(parts), "none")
         given = self._settings

@@ -1,4 +1,4 @@
-"""Types of arrays, as annotations name them, and the median of one."""
+"""Types of arrays, as annotations name them, ratios of two, and the median of one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,6 +7,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Bounds = NDArray[np.intp]  # Of windows: where each begins, and where the last one ends
+
+
+def ratio(top: Array, bottom: Array, otherwise: float = 0.0) -> Array:
+    """Return a ratio where the divisor is above 0, and elsewhere another number."""
+    return np.divide(top, bottom, out=np.full(np.broadcast(top, bottom).shape, otherwise), where=bottom > 0.0)
 
 
 def median(values: Array) -> float:

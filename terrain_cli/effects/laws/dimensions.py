@@ -95,8 +95,6 @@ def parse(text: str) -> Scale:
 
 
 class _UnitReader:
-    """Reads the text of a unit from left to right."""
-
     def __init__(self, text: str) -> None:
         self.whole = text.strip()
         plain = unicodedata.normalize("NFKC", self.whole[: 2 * _LONGEST].replace("º", "°"))

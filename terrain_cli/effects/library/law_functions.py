@@ -28,7 +28,6 @@ packed_shear_modulus = partial(packed, "shear_modulus")
 
 
 def _mean_share(x: Any) -> Any:
-    """Return (1 − exp(−x))/x."""
     return -np.expm1(-x) / x
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -158,26 +158,18 @@ def estimate_windows(
         raise UsageError(f"cross-validation over {folds} blocks", hint="2 or more")
     rows = [np.asarray(column, dtype=float) for column in columns]
     bounds = np.asarray(bounds, dtype=np.intp)
-    parts = [
-        _estimate(
-            rows,
-            bounds[first : first + _TOGETHER + 1],
-            geometry,
-            method=method,
-            min_samples=min_samples,
-            correlated=correlated,
-            folds=folds,
-        )
-        for first in range(0, max(len(bounds) - 1, 1), _TOGETHER)
-    ]
-    return join(parts)
+    told: dict[str, Any] = {"min_samples": min_samples, "correlated": correlated, "folds": folds}
+    return join([_estimate(rows, some, geometry, method, **told) for some in _together(bounds)])
+
+
+def _together(bounds: Bounds) -> list[Bounds]:
+    return [bounds[first : first + _TOGETHER + 1] for first in range(0, max(len(bounds) - 1, 1), _TOGETHER)]
 
 
 def soils(x: Array, y: Array, bounds: Bounds, method: LineMethod) -> Array:
     """Return c and tan φ of every window, shape (2, w), as `estimate_windows` without costly errors."""
     found = []
-    for first in range(0, max(len(bounds) - 1, 1), _TOGETHER):
-        inner = bounds[first : first + _TOGETHER + 1]
+    for inner in _together(bounds):
         moments, losses = _measured([x, y], inner, LINE, penalised=method in {"auto", "ridge"})
         line = fit_line(moments)
         cohesion, tan_phi = line.cohesion, line.tan_phi
@@ -235,8 +227,8 @@ def _estimate(
     rows: Sequence[Array],
     bounds: Bounds,
     geometry: dict[str, float],
-    *,
     method: LineMethod,
+    *,
     min_samples: int,
     correlated: bool,
     folds: int | None,

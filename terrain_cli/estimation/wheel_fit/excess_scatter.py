@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import samples_per_independent
-from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
+from terrain_cli.vocabulary.arrays import Array, Bounds, Mask, ratio
 
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0
@@ -56,7 +56,7 @@ def slow_share(residuals: Array, bounds: Bounds) -> Array:
     """Return the largest share of a channel's scatter that goes on from sample to sample, shape (w,)."""
     power = segment_sum(residuals**2, bounds)
     lasting = lasting_squares(residuals, bounds)
-    share = np.divide(lasting, power, out=np.zeros_like(power), where=power > 0.0)
+    share = ratio(lasting, power)
     return np.asarray(share.max(axis=0, initial=0.0))
 
 
@@ -99,7 +99,7 @@ def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together:
         sums = [part.sum(axis=1, keepdims=True) for part in sums]
         number, length = length.sum(keepdims=True), length.mean(keepdims=True)
     power, *lagged = sums
-    seen = [np.divide(part, power, out=np.zeros_like(power), where=power > 0.0) for part in lagged]
+    seen = [ratio(part, power) for part in lagged]
     # At least two independent samples: fewer cannot be told from a drift.
     most = np.broadcast_to(np.maximum(1.0 - 2.0 / length, 0.0), power.shape)
     plain = seen[0] > _MEMORY / np.sqrt(number)
@@ -110,8 +110,8 @@ def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together:
             for lag, part in zip((1.0, 2.0), seen, strict=True)
         )
         one = np.where(plain, np.clip(one, 0.0, most), 0.0)
-        decay = np.clip(np.divide(two, one, out=np.zeros_like(one), where=one > 0.0), one, most)
-        share = np.divide(one, decay, out=np.zeros_like(one), where=decay > 0.0)
+        decay = np.clip(ratio(two, one), one, most)
+        share = ratio(one, decay)
         lasting = samples_per_independent(decay, share, length)
         gone = np.minimum(taken * lasting, 0.5 * number)
     # Lags 1 and 2 of a drift that is small beside white noise are lost in it; it moves long stretches all the
@@ -152,6 +152,4 @@ def _of_means(
     if together:
         sums, number = sums.sum(axis=1, keepdims=True), number.sum(keepdims=True)
     number = np.maximum(number, 1.0)
-    ratio = np.divide(sums, power, out=np.ones_like(power), where=power > 0.0)
-    ratio = ratio / np.maximum(1.0 - taken / number, 0.5)
-    return ratio, np.sqrt(2.0 / number)
+    return ratio(sums, power, 1.0) / np.maximum(1.0 - taken / number, 0.5), np.sqrt(2.0 / number)

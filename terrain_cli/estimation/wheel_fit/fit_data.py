@@ -105,7 +105,6 @@ class FitData:
         )
 
     def without(self, left: Mask) -> FitData:
-        """Leave some samples out."""
         kept = np.flatnonzero(~left)
         if len(kept) == len(left):
             return self

@@ -23,7 +23,7 @@ from terrain_cli.estimation.wheel_fit.posterior import Posterior
 from terrain_cli.estimation.wheel_fit.unknowns import FAR, Unknown, Unknowns
 from terrain_cli.mechanics.dual import value
 from terrain_cli.mechanics.wheel_model import Model, Prediction
-from terrain_cli.vocabulary.arrays import Array, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Index, Mask, ratio
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 #: A parameter that would be open by more than this many of its prior's standard deviations, had
@@ -138,9 +138,7 @@ class Fit(Parameters):
     def correlation(self, a: str, b: str) -> Array:
         """Correlation of the errors of two parameters, NaN where one of them is fixed."""
         var_a, cov, var_b = _of_pair(self.names, self.covariance, a, b)
-        bottom = np.sqrt(var_a * var_b)
-        ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
-        return np.asarray(np.clip(ratio, -1.0, 1.0))
+        return np.asarray(np.clip(ratio(cov, np.sqrt(var_a * var_b), np.nan), -1.0, 1.0))
 
     @property
     def condition_number(self) -> Array:
@@ -226,7 +224,7 @@ def residuals_of(data: FitData, prediction: Prediction) -> tuple[Array, Array]:
     row = data.outputs.index("torque")
     count = segment_sum(data.seen[row].astype(float), data.bounds)
     power = segment_sum(left[row] ** 2, data.bounds)
-    return left, np.sqrt(np.divide(power, count, out=np.full_like(power, np.nan), where=count > 0.0))
+    return left, np.sqrt(ratio(power, count, np.nan))
 
 
 def missed_share(data: FitData, residuals: Array) -> Array:
@@ -239,7 +237,7 @@ def missed_share(data: FitData, residuals: Array) -> Array:
     row = data.outputs.index("torque")
     lasting = lasting_squares(residuals[row : row + 1], data.bounds)[0]
     size = segment_sum(np.where(data.seen[row], data.measured[row] ** 2, 0.0), data.bounds)
-    share = np.divide(np.maximum(lasting, 0.0), size, out=np.zeros_like(size), where=size > 0.0)
+    share = ratio(np.maximum(lasting, 0.0), size)
     return np.asarray(np.sqrt(share))
 
 
@@ -341,19 +339,15 @@ def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequenc
     column = names.index("tan_phi")
     variance = sure[:, column] ** 2
     rest = np.maximum(1.0 - variance, 0.0)
-    alone = np.sqrt(np.divide(variance, rest, out=np.full_like(rest, np.inf), where=rest > 0.0))
+    alone = np.sqrt(ratio(variance, rest, np.inf))
     return np.asarray(alone * unknowns[column].sd / (1.0 + tan_phi**2))
 
 
-def _of_pair(names: tuple[str, ...], covariance: Array, a: str, b: str) -> tuple[Array, Array, Array]:
+def _of_pair(names: tuple[str, ...], covariance: Array, *pair: str) -> tuple[Array, Array, Array]:
     """Return var a, cov(a, b) and var b in each window; 0 where one of them is not sought."""
-
-    def between(one: str, other: str) -> Array:
-        if one not in names or other not in names:
-            return np.zeros(len(covariance))
-        return covariance[:, names.index(one), names.index(other)]
-
-    return between(a, a), between(a, b), between(b, b)
+    known = np.pad(covariance, ((0, 0), (0, 1), (0, 1)))
+    a, b = (names.index(name) if name in names else -1 for name in pair)
+    return known[:, a, a], known[:, a, b], known[:, b, b]
 
 
 def _parted(fit: Fit) -> dict[str, Any]:
@@ -363,7 +357,7 @@ def _parted(fit: Fit) -> dict[str, Any]:
         var_c, cov, var_t = _of_pair(fit.names, covariance, *_PAIR)
         c, t = (np.sqrt(np.maximum(variance, 0.0)) for variance in (var_c, var_t))
         both = c * t
-        corr = np.clip(np.divide(cov, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0)
+        corr = np.clip(ratio(cov, both), -1.0, 1.0)
         found |= {f"{part}_c_se": c, f"{part}_tan_phi_se": t, f"{part}_corr": corr}
     return found
 

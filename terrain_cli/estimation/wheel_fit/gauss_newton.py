@@ -269,7 +269,6 @@ def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
 
 
 def inside(sought: tuple[Unknown, ...], t: Array) -> Array:
-    """Keep unknowns within their bounds."""
     low, high, _ = limits(sought)
     return np.clip(t, low, high)
 

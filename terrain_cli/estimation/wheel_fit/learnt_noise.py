@@ -30,7 +30,7 @@ from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, CHANNELS, FitData
 from terrain_cli.estimation.wheel_fit.linearised import Equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
+from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask, ratio
 
 USUAL = 0.03  # What is assumed of a channel of which nothing else is known
 #: Channels that pass through zero: their noise is no share of their value.
@@ -74,7 +74,6 @@ class ScaledDifferences:
         self._data, self._residual = data, np.zeros_like(data.measured)
 
     def add(self, block: Index, _: FitData, found: Equations) -> None:
-        """Keep the residuals of some windows."""
         bounds = self._data.bounds
         self._residual[:, bounds[block[0]] : bounds[block[-1] + 1]] = found.bounded
 
@@ -118,7 +117,7 @@ def from_differences(channels: Mapping[str, Array], bounds: Bounds) -> Noise:
         size = np.abs(column[1:-1][inside]) if name not in _ABSOLUTE else None
         second = np.abs(column[:-2] - 2.0 * column[1:-1] + column[2:])[inside] / np.sqrt(6.0)
         if size is not None:
-            second = np.divide(second, size, out=np.full_like(second, np.nan), where=size > 0.0)
+            second = ratio(second, size, np.nan)
         second = second[np.isfinite(second)]
         usual = USUAL * (level(column) if size is None else 1.0)
         deviation = float(np.median(second)) / NORMAL_MEDIAN if len(second) else usual
@@ -167,7 +166,7 @@ class LevelPrior:
             np.array([getattr(of, kind)[name] for name, kind in self.terms]) for of in (noise, self.centre)
         )
         # A channel that is always 0 has no constant noise at any number of steps.
-        return np.asarray(np.log(np.divide(to, centre, out=np.ones_like(to), where=centre > 0.0)))
+        return np.asarray(np.log(ratio(to, centre, 1.0)))
 
 
 def usual_noise(measured: Mapping[str, Array]) -> LevelPrior:
@@ -238,7 +237,6 @@ class LikelyNoise:
         self._taken = np.zeros((number, windows, self._size, self._size))
 
     def add(self, block: Index, data: FitData, found: Equations) -> None:
-        """Add the samples of some windows."""
         bounds = self._data.bounds
         self._residual[:, bounds[block[0]] : bounds[block[-1] + 1]] = found.bounded
         vectors = self._vectors(data, found)

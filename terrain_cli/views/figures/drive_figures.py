@@ -145,7 +145,6 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
 
 
 def _segments(trace: Mapping[str, Any]) -> list[dict[str, NDArray[Any]]]:
-    """Take a trace apart."""
     columns = {name: np.asarray(values) for name, values in trace.items()}
     rows = np.arange(len(columns["segment"]))
     parts = np.split(rows, _starts(columns["segment"])[1:])
