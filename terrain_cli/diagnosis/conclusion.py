@@ -184,6 +184,9 @@ def _unexplained(
         # A diagnosis would propose the same again; where it drafted a law, no effect explains it.
         named = {*found.refused} & {*NAMES, *ASSUMPTIONS}
         command = asked.added(["--until-quiet"]) if named and not diagnosed else ""
+        if found.unconfirmed:
+            # The drive that named it would again; what is in both, both name.
+            command = asked.joined.looked("diagnose")
     elif elsewhere and not few:
         why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
@@ -311,7 +314,8 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
 
 def _did_not_pay(found: Evidence) -> str:
     were, them = ("was", "it") if len(found.refused) == 1 else ("were", "them")
-    return f"{listed(found.refused)} {were} tried, and held-out data do not support {them}"
+    who = "another drive does not confirm" if found.unconfirmed else "held-out data do not support"
+    return f"{listed(found.refused)} {were} tried, and {who} {them}"
 
 
 def _record(found: Evidence, *, few: bool) -> str:

@@ -299,6 +299,7 @@ class Asked:
     inputs: tuple[str, ...]
     model: str = "wong-reece"  # A base, or a model file
     options: tuple[str, ...] = ()  # Of reading and cutting, as they were given
+    confirm: tuple[str, ...] = ()  # Another drive, that was to confirm an effect
     fresh: str = "model.toml"  # Where a model file may be made
     law: str = "law.toml"  # Where a law may be written
 
@@ -314,6 +315,11 @@ class Asked:
             return replace(self, options=(*self.options, "--where", condition))
         both = f"({before}) and ({condition})"
         return replace(self, options=tuple(both if word == before else word for word in self.options))
+
+    @property
+    def joined(self) -> Asked:
+        """The same of all drives together."""
+        return replace(self, inputs=(*self.inputs, *self.confirm))
 
     def looked(self, verb: str, *further: str) -> str:
         """Return the command of a verb that only looks at what was asked."""

@@ -51,6 +51,7 @@ class Evidence:
     law: str = ""  # What follows which driver, where no effect explains what is left
     draft: str = ""  # File of that law, if it was written
     refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
+    unconfirmed: bool = False  # They did on these data, but another drive does not confirm it
     ended: bool = False  # --until-quiet found nothing more to add
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is

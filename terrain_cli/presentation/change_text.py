@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from terrain_cli.comparison import Comparison, comparison_criteria
@@ -189,7 +189,8 @@ def _concluded(step: Step, asked: Asked | None) -> Conclusion:
     """Conclude what is known of the model as it is after the decision."""
     now = step.compared_after if step.kept else step.compared_before
     refused = step.changed if step.action == "add" and not step.kept else ()
-    return comparison_text.conclusion_of(Evidence.of_comparison(now, refused), now, asked)
+    found = replace(Evidence.of_comparison(now, refused), unconfirmed=bool(refused) and step.pays)
+    return comparison_text.conclusion_of(found, now, asked)
 
 
 def untested(entry: dict[str, Any]) -> dict[str, Any]:
