@@ -106,6 +106,8 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
     if found.weak:
         told += f". What is left follows {found.weak}, but no held-out error falls with so small an effect: "
         told += "the noise of load, slip and sinkage hides it. To tell, measure them with less noise."
+    elif found.blocks < comparison_criteria.FEWEST_BLOCKS:
+        told += f". No effect shows, but {too_few(found.blocks)} to rule one out. {_more(found)}"
     else:
         told += ", and the data show no missing effect."
     if found.changes:

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from terrain_cli.comparison import kept_aside
+from terrain_cli.comparison import comparison_criteria, kept_aside
 from terrain_cli.diagnosis.conclusion import Conclusion
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, over_noise
 from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.diagnosis.verdict import sizes_text
@@ -183,11 +183,14 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     def errors(held_out: Mapping[str, float]) -> list[str]:
         return [short(held_out.get(name, math.nan) * one.factor) for name, one in channels.items()]
 
+    # Of errors that are those of noise a share says nothing.
+    noise = all(one <= comparison_criteria.ABOVE_NOISE for one in over_noise(diagnosis.comparison).values())
+    misfit = diagnosis.alarm.raised or bool(diagnosis.heldout) or not noise
     base = ["(as it is)", "", "", *errors({name: one.heldout_rmse for name, one in own.items()}), ""]
     rows = [
         [
             f"{'* ' if one.in_family else '  '}{one.effect}",
-            f"{one.explained:.0%}" if math.isfinite(one.explained) else "–",
+            f"{one.explained:.0%}" if misfit and math.isfinite(one.explained) else "–",
             f"{one.surviving:.0%}",
             *errors(one.heldout),
             f"{sizes_text(one)} ({one.doubt})" if one.doubt else sizes_text(one),
