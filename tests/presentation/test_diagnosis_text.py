@@ -37,7 +37,7 @@ def test_a_drive_that_tells_several_apart_is_said_once():
     ],
 )
 def test_of_errors_that_are_those_of_noise_no_share_is_told(raised, heldout, noise, told):
-    """ "No effect explains the misfit" stood above an effect that explained all of it."""
+    """Else "no effect explains the misfit" stands above one that explains all of it."""
     slope = Candidate(
         effect="slope",
         title="",
