@@ -200,6 +200,7 @@ class Diagnosis:
     # Two effects that, both added, predict better than any alone, and than any draft; else none
     together: tuple[str, ...] = ()
     together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
+    pair: Candidate | None = None  # The two, both added
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`

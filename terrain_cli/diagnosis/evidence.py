@@ -104,7 +104,8 @@ class Evidence:
         fewer = found.soils < found.comparison.soil_count
         hidden = found.alarm.raised and fewer and not above_noise(over_noise(found.comparison))
         errors = found.heldout if hidden else {}
-        noise = noise_with(found.comparison, first.noise if first is not None else {}, errors)
+        best = found.pair or first
+        noise = noise_with(found.comparison, best.noise if best is not None else {}, errors)
         ratios = over_noise(found.comparison, errors, noise)
         passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
         passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
@@ -114,12 +115,13 @@ class Evidence:
         fitted = [one for one in credible if one.refitted] or credible
         likely = [one for one in fitted if one.explained > criteria.STEPS_SHARE]
         taken = [one.explained for one in found.candidates if one.effect in family]
+        taken += [found.pair.explained] if found.pair else []
         # Nor is a drive worth while that only tells what explains it from what does not.
         drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
         return cls(
             **_of_both(found.comparison, refused),
             ratios=ratios,
-            noise_with=f"{listed(passed)} as estimated with {first.effect}" if first and passed else "",
+            noise_with=f"{listed(passed)} as estimated with {best.effect}" if best and passed else "",
             raised=found.alarm.raised,
             tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
             doubted=_doubted(found.comparison, settled=settled),

@@ -77,6 +77,7 @@ def diagnosing(*answers):
             unknown=unknown,
             together=(),
             together_or=(),
+            pair=None,
             candidates=[],
             heldout={},
             soils=1,
@@ -288,6 +289,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
         unknown=None,
         together=(),
         together_or=(),
+        pair=None,
         candidates=[],
         next_drive=[],
     )
