@@ -324,9 +324,10 @@ def _parameters(parameters: Sequence[Estimated]) -> list[str]:
 
 def _moved(step: Step) -> str:
     several = len(step.first.wheels) > 1 or any(len(wheel.segments) > 1 for wheel in step.first.wheels)
-    parts = []
+    parts, unknown = [], []
     for one, symbol in zip(step.shifts, ("c", "φ"), strict=True):
         if one.where is None:
+            unknown.append(symbol)
             continue
         _, wheel, segment = one.where
         most = (
@@ -335,7 +336,8 @@ def _moved(step: Step) -> str:
         )
         size = quantities.number(one.largest, 2)
         parts.append(f"{symbol} by {size} standard error{'s' * (size != '1')}{most}")
-    return f"moved: {'; '.join(parts)}" if parts else "how far c and φ moved is not known"
+    known = [f"moved: {'; '.join(parts)}"] if parts else []
+    return "; ".join([*known, *([f"how far {listed(unknown)} moved is not known"] if unknown else [])])
 
 
 def _open(step: Step) -> Iterator[str]:
