@@ -284,7 +284,7 @@ def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     """Send to rover.toml where a sign or a unit is doubted: what an effect explains of it is no physics."""
     if not found.doubted:
         return None
-    settle = "if so, put the line of the note into rover.toml; if not, confirm the unit there"
+    settle = "if so, put the line of the note into rover.toml; if not, put it there with the right unit"
     return f"{listed(found.doubted)} may be wrong: {settle}", asked.looked("compare")
 
 
