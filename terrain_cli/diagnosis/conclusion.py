@@ -64,7 +64,7 @@ def _concluded(found: Evidence, asked: Asked) -> Conclusion:
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive, first = (found.drive, _first(found)) if alike else ("", "")
         if found.fewer and found.changes:
-            too = "better" if found.leaves else "too"
+            too = "better" if found.better else "too"
             soil = f"A soil that changes at {_places(found)} would explain it {too}"
             first = f" {soil}. To tell, {_settled(found)}.{first}"
             drive = drive or _BACK * (not found.points)

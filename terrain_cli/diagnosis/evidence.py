@@ -5,9 +5,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
-from terrain_cli.comparison import Comparison, Finding
+from terrain_cli.comparison import Comparison, Finding, comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import (
+    Candidate,
     Diagnosis,
     Verdict,
     above_noise,
@@ -64,7 +65,10 @@ class Evidence:
     changes: tuple[str, ...] = ()  # Where one of these ends and another begins, though no label says so
     needed: bool = False  # No effect on fewer soils predicts as well
     instead: str = ""  # By a first check: what on fewer soils predicts as well
-    fewer: int = 0  # Soils on which the ratios are, where the comparison has more and fits
+    fewer: int = (
+        0  # Soils on which the ratios are, where the comparison has more and these stand for an effect
+    )
+    better: bool = False  # These more soils leave less than the best effect
     impossible: tuple[str, ...] = ()  # Properties of the fitted soil that no soil has, in words
     # Effects of the model that stand where nature has none, or as far as they can go, and how, in words
     beyond: Mapping[str, str] = field(default_factory=dict)
@@ -100,9 +104,12 @@ class Evidence:
         family = tuple(name for name in found.family if name not in doubted) or found.family
         first = next((one for one in found.candidates if one.effect in family[:1]), None)
         credible = [one for one in found.candidates if not one.doubt]
-        # Where several soils stand for an effect, their errors are those of noise.
+        # Where several soils stand for an effect, it takes nothing off their errors.
         fewer = found.soils < found.comparison.soil_count
-        hidden = found.alarm.raised and fewer and not above_noise(over_noise(found.comparison))
+        several = over_noise(found.comparison)
+        fits = not above_noise(several)
+        alike = not fits and first is not None and _as_good(several, first, found.comparison)
+        hidden = found.alarm.raised and fewer and (fits or alike)
         errors = found.heldout if hidden else {}
         best = found.pair or first
         noise = noise_with(found.comparison, best.noise if best is not None else {}, errors)
@@ -141,6 +148,7 @@ class Evidence:
             checks=tuple(dict.fromkeys(o for one in drives for o in one.check.split(" or ") if o)),
             needed=not fewer,
             fewer=found.soils if hidden else 0,
+            better=leaves and not alike,
             weak=_weak(found.alarm.cause, found.alarm.p_value) if found.alarm.idle else "",
         )
 
@@ -192,6 +200,16 @@ def _of_both(comparison: Comparison, refused: tuple[str, ...]) -> dict[str, Any]
         "beyond": _beyond(comparison),
         "absent": _absent(comparison),
     }
+
+
+def _as_good(ratios: Mapping[str, float], one: Candidate, comparison: Comparison) -> bool:
+    """Tell whether an effect leaves as large errors as the comparison has, in every channel."""
+    left = over_noise(comparison, one.heldout)
+    return all(
+        max(left[name], ratio) <= comparison_criteria.ABOVE_NOISE * min(left[name], ratio)
+        for name, ratio in ratios.items()
+        if math.isfinite(ratio)
+    )
 
 
 def _doubted(comparison: Comparison, *, settled: bool) -> tuple[str, ...]:

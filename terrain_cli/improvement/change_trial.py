@@ -196,15 +196,16 @@ def _needed_soils(
     """
     ratio = weigh(first, second, own)[1].overall
     with_it, without, file, plain = first, second, before, after
-    pays = ratio.low > 1.0
     if action == "add":
         with_it, without, file, plain = second, first, after, before
-        pays = ratio.high < 1.0
+    # As a change is judged: less is none, however sure.
+    differs = not ratio.low <= 1.0 <= ratio.high and abs(ratio.value - 1.0) > criteria.LEAST_CHANGE
+    pays = differs and (ratio.value < 1.0) == (action == "add")
     new = [one for one in file.model.effects if one not in plain.model.effects]
     windows, told = [wheel.windows for wheel in with_it.wheels], list[str]()
     if len(new) == 1 and not pays and any(len(one) > 1 for one in windows):
         windows, told = several_soils.enough_with(with_it, new[0], plain)
-    if not told and new and ratio.low <= 1.0 <= ratio.high and with_it.soil_count < without.soil_count:
+    if not told and new and not differs and with_it.soil_count < without.soil_count:
         # With fewer soils it predicts as well: what it is worth shows on these.
         told = [several_soils.enough(new, with_it.soil_count)]
     return windows, told

@@ -97,6 +97,7 @@ CONCLUSIONS = [
             soils=2,
             changes=("8 s",),
             leaves=True,
+            better=True,
         ),
         "explained",
         MISSES.replace("the held-out", "with 1 soil instead of 2, the held-out")
