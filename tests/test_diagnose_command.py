@@ -29,6 +29,7 @@ KEYS = {
     "family",
     "together",
     "together_or",
+    "together_heldout_rmse",
     "candidates",
     "unknown",
     "next_drive",

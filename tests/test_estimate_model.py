@@ -383,3 +383,18 @@ def test_what_the_data_do_not_tell_is_left_empty(terrain_est_here, here, plain):
     assert math.isnan(row.phi_se_deg)
     assert 0.0 < row.strength_kPa < 15.0
     assert "prior-bound: the data do not determine c or φ (left empty)" in done.stderr
+
+
+def test_who_is_sent_to_a_diagnosis_can_paste_the_command(terrain_est_here, here, affected):
+    """With the inputs, the model and the cutting: a diagnosis of another model names what that one has."""
+    write_csv(affected, here / "run.csv", terrain=True)
+    (here / "model.toml").write_text(MODEL + 'effects = ["drivetrain-friction"]\n', "utf-8")
+    cut = ("--segments", "terrain")
+    done = terrain_est_here("estimate", "run.csv", *cut, "--model", "model.toml")
+    assert set(table(done)["status"]) & {"model-misses", "at-bound"}
+    command = "terrain-est diagnose run.csv --model model.toml --segments terrain"
+    assert done.stderr.splitlines()[-1] == f"Next: {command}"
+    told = terrain_est_here(*command.split()[1:])
+    assert told.returncode == 0
+    (here / "model.toml").write_text(MODEL + 'effects = ["drivetrain-friction", "slip-sinkage"]\n', "utf-8")
+    assert "Next" not in terrain_est_here("estimate", "run.csv", *cut, "--model", "model.toml").stderr

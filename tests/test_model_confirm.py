@@ -73,6 +73,12 @@ def test_one_that_another_drive_does_not_show_is_not(model):
     assert "not confirmed on clean.csv" in done.stdout
     assert "on clean.csv:" in done.stdout
     assert "history" not in file
+    # Alone, the drive that named it would name it again.
+    last = done.stdout.splitlines()[-1]
+    assert "slip-sinkage was tried, and another drive does not confirm it. Next" in last
+    _, command = last.split("Next: terrain-est ")
+    assert command.startswith("diagnose sinks.csv clean.csv --model ")
+    assert command.endswith("model.toml --segments none")
     _, file = model("--data", "sinks.csv", "--confirm", "clean.csv", "--keep")
     assert file["history"][0]["confirmation"]["confirmed"] is False
 

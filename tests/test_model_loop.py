@@ -80,7 +80,7 @@ def told_of(monkeypatch):
     """Return a function that runs the loop with a diagnosis that is told to it, and silence after that."""
 
     def run(*args, data="sinks.csv", **answer):
-        nothing = {"effect": None, "family": (), "together": (), "together_or": ()}
+        nothing = {"effect": None, "family": (), "together": (), "together_or": (), "pair": None}
         nothing |= {"unrecorded": (), "next_drive": ()}
         quiet, raised = (
             Alarm(raised=False, p_value=1.0, level=0.01),

@@ -135,3 +135,8 @@ def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here,
     assert sinkage["heldout_after"] < 0.5 * sinkage["heldout_before"]
     compared = json.loads(said("compare", "passes.csv", "--model", "model.toml", *halves, "--json", "-q"))
     assert added["conclusion"]["sentence"] == compared["conclusion"]["sentence"]
+    # Nor does the second soil take its place where it is tried without, as a loop does at its end.
+    removed = json.loads(said("model", "remove", "model.toml", "multi-pass", *data))
+    assert not removed["pays"]
+    assert removed["channels"]["sinkage"]["heldout_after"] > 2.0 * sinkage["heldout_after"]
+    assert "with multi-pass, 1 soil will do; both models are compared on 1 soil" in removed["warnings"]

@@ -157,6 +157,7 @@ def repeated(context: click.Context, model: str) -> Asked:
         inputs=tuple(map(shown, context.params["inputs"])),
         model=shown(model),
         options=tuple(map(shown, words)),
+        confirm=tuple(map(shown, context.params.get("confirm", ()))),
         fresh=str(free(Path("model.toml"))),
         law=str(free(Path("law.toml"))),
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import comparison_options, options, paths
 from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import Progress, StatusLine, as_json, in_lines, put, say
 
@@ -144,16 +144,18 @@ def command(context: click.Context, /, **_: Any) -> None:
     segment_files.check(given["output"], given["samples"], given["crs"])
     settings = options.settings(given)
     outcomes = _outcomes(logs, rover, settings, jobs=given["jobs"], quiet=given["quiet"])
-    _write(outcomes, settings, given)
+    _write(outcomes, settings, context)
 
 
 def _write(  # noqa: C901 - one branch for each thing asked for
-    outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, Any]
+    outcomes: Sequence[Outcome], settings: Settings, context: click.Context
 ) -> None:
     """Write all that was asked for, the table last: what reads it may stop early."""
     import formats
     from terrain_cli import estimation
     from terrain_cli.presentation import segment_files, segment_table, summary
+
+    given = context.params
 
     def joined(name: str) -> Table:
         return segment_table.join([one for outcome in outcomes for one in getattr(outcome, name)])
@@ -186,7 +188,11 @@ def _write(  # noqa: C901 - one branch for each thing asked for
     remarks = [site * bool(given["crs"] and crs is None), segment_files.remark(given["output"], crs)]
     for remark in () if given["quiet"] else filter(None, remarks):
         click.echo(remark, err=True)
-    readable = summary.text(in_lines(document), table, verbose=given["verbose"])
+
+    def diagnosed() -> str:
+        return comparison_options.repeated(context, given["model"] or "wong-reece").looked("diagnose")
+
+    readable = summary.text(in_lines(document), table, diagnosed=diagnosed, verbose=given["verbose"])
     if for_reading:
         say(readable)
     elif not given["quiet"]:

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.comparison import shapes
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.effect_inputs import WITH_COURSE, sources
@@ -74,14 +75,21 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     return found
 
 
-def beside(residual: Array, memory: int, drivers: Mapping[str, Driver], smooth: Mapping[str, Array]) -> Array:
+def beside(
+    residual: Array,
+    memory: int,
+    drivers: Mapping[str, Driver],
+    smooth: Mapping[str, Array],
+    grousers: int = 0,
+) -> Array:
     """Return what is left of a residual without what rises, falls or bends with drivers, by more than chance.
 
-    Drivers are taken one by one, that of the largest share first. Samples are alike for `memory`: so many
-    times fewer are independent. Their number times a share that is chance is χ² of two degrees of freedom,
-    which goes beyond x with the probability exp(−x/2). Channels in `smooth` stand there without their own
-    noise, which is in the residual too. What follows only the clock, the place or a label may be soil that
-    varies, and a sinkage is one of what is predicted.
+    Nor what swings with the wheel's angle, as with so many `grousers`: at a speed that wanders it has no
+    period in time. Drivers are taken one by one, that of the largest share first. Samples are alike for
+    `memory`: so many times fewer are independent. Their number times a share that is chance is χ² of two
+    degrees of freedom, which goes beyond x with the probability exp(−x/2). Channels in `smooth` stand
+    there without their own noise, which is in the residual too. What follows only the clock, the place or
+    a label may be soil that varies, and a sinkage is one of what is predicted.
     """
     rows = np.flatnonzero(np.isfinite(residual))
     rows = rows[:: max(1, len(rows) // _TELL)]
@@ -91,6 +99,11 @@ def beside(residual: Array, memory: int, drivers: Mapping[str, Driver], smooth: 
         known = values[rows][np.isfinite(values[rows])]
         if not driver.labels and name not in _NO_CAUSE and len(known) and np.ptp(known) > 0.0:
             bent[name] = partial(_bent, values, float(np.mean(known)), float(np.std(known)))
+    if ANGLE in drivers:
+        angle = drivers[ANGLE].values
+        turning = shapes.of_turning(ANGLE, [angle], sorted({*shapes.HARMONICS, grousers} - {0}))
+        for cosine, sine in zip(turning[::2], turning[1::2], strict=True):
+            bent[f"{ANGLE} {cosine.at}"] = partial(_swinging, angle, cosine, sine)
     least = 2.0 * np.log(max(len(bent), 1) / _BY_CHANCE)
     independent = np.isfinite(residual).sum() / max(memory, 1)
     some, taken = residual[rows], [np.ones((len(rows), 1))]
@@ -113,6 +126,10 @@ def beside(residual: Array, memory: int, drivers: Mapping[str, Driver], smooth: 
 def _bent(values: Array, middle: float, spread: float, rows: Index | slice) -> Array:
     unit = np.nan_to_num((values[rows] - middle) / spread)
     return np.stack([unit, unit**2], axis=1)
+
+
+def _swinging(angle: Array, cosine: shapes.Shape, sine: shapes.Shape, rows: Index | slice) -> Array:
+    return np.nan_to_num(np.stack([cosine(angle[rows]), sine(angle[rows])], axis=1))
 
 
 def functions_under_all(name: str, wheels: Iterable[Mapping[str, Array]]) -> tuple[str, ...]:

@@ -325,8 +325,8 @@ class FittedWheel:
         """Samples after which the noise of all channels is another one; what follows a driver is none."""
         memory = {name: level.forgotten for name, level in self.noise.items()}
         if any(memory.values()):
-            smooth, every = self.interpolated(smoothed_channels.GAPS), self.drivers
-            left = {n: drivers.beside(self.residuals[n], m, every, smooth) for n, m in memory.items() if m}
+            known = self.drivers, self.interpolated(smoothed_channels.GAPS), self.geometry.grouser_count
+            left = {n: drivers.beside(self.residuals[n], m, *known) for n, m in memory.items() if m}
             beside = residual_noise.of_all(left, self.group, self.second)
             memory = {name: min(level.forgotten, memory[name]) for name, level in beside.items()}
         longest = max(criteria.LONGEST_MEMORY, int(NOISE_LASTS * self.second))

@@ -28,21 +28,18 @@ def table_of(
     ranked: Sequence[Fitted],
     family: Sequence[str],
     anew: Sequence[FittedWheel] = (),
+    pair: Candidate | None = None,
 ) -> list[Candidate]:
     """List every candidate that can be tested.
 
     The best comes first, then the rest of the family, the others, and those that were not fitted; each of
     these by their loss. What they explain is of the errors that are told, where these are more than noise.
-    `anew` are the wheels with the best one as `compare` fits it, where known.
+    `anew` are the wheels with the best one as `compare` fits it, where known. Where a `pair` explains most,
+    the noise is that with both.
     """
     data, found = log.data, log.found
-    count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
-    beyond = float(base.loss.sum()) - count
-    if beyond <= 0.0 and ranked:
-        # What passes for noise, and is taken off all the same, was none.
-        beyond = max(float((base.loss - refit.loss).sum()) for _, refit in ranked)
-    # Where all is noise, there is nothing to explain a share of.
-    misfit = beyond if beyond > 0.0 else np.nan
+    count = _samples(base)
+    misfit = _misfit(base, [refit for _, refit in ranked])
     first = ranked[0][0].id if ranked else ""
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
@@ -76,13 +73,50 @@ def table_of(
     listed = [candidate(one, fitted.get(one.id)) for one in every]
     listed.sort(key=lambda one: (one.effect != first, not one.in_family, not one.refitted, one.loss))
     before, own = as_it_is(log) if ranked else {}, log.comparison
-    noise = noise_with(own, listed[0].noise if listed else {}, before)
+    noise = noise_with(own, pair.noise if pair else listed[0].noise if listed else {}, before)
     # The loss is weighed by the noise that the best leaves, of which a misfit may be a part.
     shares = [share_taken(own, before, one.heldout, noise) for one in listed]
     return [
         one if np.isnan(share) else replace(one, explained=share)
         for one, share in zip(listed, shares, strict=True)
     ]
+
+
+def _samples(base: Refit) -> int:
+    return max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
+
+
+def _misfit(base: Refit, better: Sequence[Refit]) -> float:
+    """Return the loss beyond the noise, of which effects explain a share; NaN where all is noise."""
+    beyond = float(base.loss.sum()) - _samples(base)
+    if beyond <= 0.0:
+        # What passes for noise, and is taken off all the same, was none.
+        beyond = max((float((base.loss - refit.loss).sum()) for refit in better), default=0.0)
+    return beyond if beyond > 0.0 else np.nan
+
+
+def of_pair(log: DiagnosedLog, base: Refit, both: Hypothesis, refit: Refit) -> Candidate:
+    """Return what two effects explain together, with the errors as `compare` and `model add` have them."""
+    wheels = [refits.fitted_anew(wheel, both) for wheel in log.data.wheels]
+    own, before, heldout = log.comparison, as_it_is(log), held_out_errors(log, wheels)
+    noise = {name: pooled_noise(wheels, name) for name in own.channels}
+    share = share_taken(own, before, heldout, noise_with(own, noise, before))
+    of_loss = np.clip(float((base.loss - refit.loss).sum()) / _misfit(base, [refit]), 0.0, 1.0)
+    return Candidate(
+        effect=both.id,
+        title=both.title,
+        score=np.nan,
+        p_value=np.nan,
+        surviving=np.nan,
+        explained=float(of_loss) if np.isnan(share) else share,
+        loss=np.nan,
+        loss_se=np.nan,
+        heldout=heldout,
+        noise=noise,
+        sizes={},
+        refitted=True,
+        in_family=True,
+    )
 
 
 def as_it_is(log: DiagnosedLog) -> dict[str, float]:

@@ -64,7 +64,7 @@ def _concluded(found: Evidence, asked: Asked) -> Conclusion:
         alike = found.verdict == "family" and not found.together and not elsewhere
         drive, first = (found.drive, _first(found)) if alike else ("", "")
         if found.fewer and found.changes:
-            too = "better" if found.leaves else "too"
+            too = "better" if found.better else "too"
             soil = f"A soil that changes at {_places(found)} would explain it {too}"
             first = f" {soil}. To tell, {_settled(found)}.{first}"
             drive = drive or _BACK * (not found.points)
@@ -106,6 +106,8 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
     if found.weak:
         told += f". What is left follows {found.weak}, but no held-out error falls with so small an effect: "
         told += "the noise of load, slip and sinkage hides it. To tell, measure them with less noise."
+    elif found.blocks < comparison_criteria.FEWEST_BLOCKS:
+        told += f". No effect shows, but {too_few(found.blocks)} to rule one out. {_more(found)}"
     else:
         told += ", and the data show no missing effect."
     if found.changes:
@@ -184,6 +186,9 @@ def _unexplained(
         # A diagnosis would propose the same again; where it drafted a law, no effect explains it.
         named = {*found.refused} & {*NAMES, *ASSUMPTIONS}
         command = asked.added(["--until-quiet"]) if named and not diagnosed else ""
+        if found.unconfirmed:
+            # The drive that named it would again; what is in both, both name.
+            command = asked.joined.looked("diagnose")
     elif elsewhere and not few:
         why, command = f"it misses {elsewhere[0]}", elsewhere[1]
     else:
@@ -278,7 +283,7 @@ def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     """Send to rover.toml where a sign or a unit is doubted: what an effect explains of it is no physics."""
     if not found.doubted:
         return None
-    settle = "if so, put the line of the note into rover.toml; if not, confirm the unit there"
+    settle = "if so, put the line of the note into rover.toml; if not, put it there with the right unit"
     return f"{listed(found.doubted)} may be wrong: {settle}", asked.looked("compare")
 
 
@@ -310,7 +315,8 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
 
 def _did_not_pay(found: Evidence) -> str:
     were, them = ("was", "it") if len(found.refused) == 1 else ("were", "them")
-    return f"{listed(found.refused)} {were} tried, and held-out data do not support {them}"
+    who = "another drive does not confirm" if found.unconfirmed else "held-out data do not support"
+    return f"{listed(found.refused)} {were} tried, and {who} {them}"
 
 
 def _record(found: Evidence, *, few: bool) -> str:

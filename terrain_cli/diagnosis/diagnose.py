@@ -8,7 +8,7 @@ from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.alarm import missing_effects
-from terrain_cli.diagnosis.candidates import as_it_is, table_of
+from terrain_cli.diagnosis.candidates import as_it_is, of_pair, table_of
 from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis, leaves_much
 from terrain_cli.diagnosis.refits import Refit
@@ -68,7 +68,9 @@ def diagnose(
         pair_is_best=two.is_best,
         on_full_stresses=tuple(one.id for one, _ in full),
     )
-    listed = table_of(ranked.log, ranked.base, ranked.several, decision.family, ranked.first_anew)
+    told = bool(two.ids) and decision.together == two.ids
+    pair = of_pair(ranked.log, ranked.base, *two.fitted[0]) if told else None
+    listed = table_of(ranked.log, ranked.base, ranked.several, decision.family, ranked.first_anew, pair)
     heldout = as_it_is(ranked.log)
     leaves = decision.effect is not None and leaves_much(log.comparison, heldout, listed[0])
     decision = verdict.weighed(decision, listed, leaves=leaves)
@@ -90,7 +92,8 @@ def diagnose(
         unknown=law if decision.tells_law else None,
         next_drive=steps.next_drives(case, ranked, steps.rivals(decision, members, listed)),
         together=decision.together,
-        together_or=two.rivals if decision.together == two.ids else (),
+        together_or=two.rivals if told else (),
+        pair=pair,
         heldout=heldout,
     )
 

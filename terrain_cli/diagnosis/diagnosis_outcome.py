@@ -200,6 +200,7 @@ class Diagnosis:
     # Two effects that, both added, predict better than any alone, and than any draft; else none
     together: tuple[str, ...] = ()
     together_or: tuple[tuple[str, ...], ...] = ()  # Other pairs that explain nearly as much
+    pair: Candidate | None = None  # The two, both added
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     # Channel → held-out error of the model as it is on the soils on which the candidates were fitted, where
     # they are others than those of `comparison`
@@ -299,6 +300,7 @@ class Asked:
     inputs: tuple[str, ...]
     model: str = "wong-reece"  # A base, or a model file
     options: tuple[str, ...] = ()  # Of reading and cutting, as they were given
+    confirm: tuple[str, ...] = ()  # Another drive, that was to confirm an effect
     fresh: str = "model.toml"  # Where a model file may be made
     law: str = "law.toml"  # Where a law may be written
 
@@ -314,6 +316,11 @@ class Asked:
             return replace(self, options=(*self.options, "--where", condition))
         both = f"({before}) and ({condition})"
         return replace(self, options=tuple(both if word == before else word for word in self.options))
+
+    @property
+    def joined(self) -> Asked:
+        """The same of all drives together."""
+        return replace(self, inputs=(*self.inputs, *self.confirm))
 
     def looked(self, verb: str, *further: str) -> str:
         """Return the command of a verb that only looks at what was asked."""

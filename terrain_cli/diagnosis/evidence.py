@@ -5,9 +5,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
-from terrain_cli.comparison import Comparison, Finding
+from terrain_cli.comparison import Comparison, Finding, comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import (
+    Candidate,
     Diagnosis,
     Verdict,
     above_noise,
@@ -51,6 +52,7 @@ class Evidence:
     law: str = ""  # What follows which driver, where no effect explains what is left
     draft: str = ""  # File of that law, if it was written
     refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
+    unconfirmed: bool = False  # They did on these data, but another drive does not confirm it
     ended: bool = False  # --until-quiet found nothing more to add
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
     small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
@@ -63,7 +65,10 @@ class Evidence:
     changes: tuple[str, ...] = ()  # Where one of these ends and another begins, though no label says so
     needed: bool = False  # No effect on fewer soils predicts as well
     instead: str = ""  # By a first check: what on fewer soils predicts as well
-    fewer: int = 0  # Soils on which the ratios are, where the comparison has more and fits
+    fewer: int = (
+        0  # Soils on which the ratios are, where the comparison has more and these stand for an effect
+    )
+    better: bool = False  # These more soils leave less than the best effect
     impossible: tuple[str, ...] = ()  # Properties of the fitted soil that no soil has, in words
     # Effects of the model that stand where nature has none, or as far as they can go, and how, in words
     beyond: Mapping[str, str] = field(default_factory=dict)
@@ -99,11 +104,15 @@ class Evidence:
         family = tuple(name for name in found.family if name not in doubted) or found.family
         first = next((one for one in found.candidates if one.effect in family[:1]), None)
         credible = [one for one in found.candidates if not one.doubt]
-        # Where several soils stand for an effect, their errors are those of noise.
+        # Where several soils stand for an effect, it takes nothing off their errors.
         fewer = found.soils < found.comparison.soil_count
-        hidden = found.alarm.raised and fewer and not above_noise(over_noise(found.comparison))
+        several = over_noise(found.comparison)
+        fits = not above_noise(several)
+        alike = not fits and first is not None and _as_good(several, first, found.comparison)
+        hidden = found.alarm.raised and fewer and (fits or alike)
         errors = found.heldout if hidden else {}
-        noise = noise_with(found.comparison, first.noise if first is not None else {}, errors)
+        best = found.pair or first
+        noise = noise_with(found.comparison, best.noise if best is not None else {}, errors)
         ratios = over_noise(found.comparison, errors, noise)
         passed = [name for name, one in found.comparison.channels.items() if noise[name] < one.noise]
         passed = [name for name in (one.replace("_", " ") for one in passed) if name in above_noise(ratios)]
@@ -113,12 +122,13 @@ class Evidence:
         fitted = [one for one in credible if one.refitted] or credible
         likely = [one for one in fitted if one.explained > criteria.STEPS_SHARE]
         taken = [one.explained for one in found.candidates if one.effect in family]
+        taken += [found.pair.explained] if found.pair else []
         # Nor is a drive worth while that only tells what explains it from what does not.
         drives = [one for one in found.next_drive if doubted.isdisjoint(one.pair) or family == found.family]
         return cls(
             **_of_both(found.comparison, refused),
             ratios=ratios,
-            noise_with=f"{listed(passed)} as estimated with {first.effect}" if first and passed else "",
+            noise_with=f"{listed(passed)} as estimated with {best.effect}" if best and passed else "",
             raised=found.alarm.raised,
             tracked=any(_large(found.comparison, one) for one in found.comparison.failures),
             doubted=_doubted(found.comparison, settled=settled),
@@ -138,6 +148,7 @@ class Evidence:
             checks=tuple(dict.fromkeys(o for one in drives for o in one.check.split(" or ") if o)),
             needed=not fewer,
             fewer=found.soils if hidden else 0,
+            better=leaves and not alike,
             weak=_weak(found.alarm.cause, found.alarm.p_value) if found.alarm.idle else "",
         )
 
@@ -189,6 +200,16 @@ def _of_both(comparison: Comparison, refused: tuple[str, ...]) -> dict[str, Any]
         "beyond": _beyond(comparison),
         "absent": _absent(comparison),
     }
+
+
+def _as_good(ratios: Mapping[str, float], one: Candidate, comparison: Comparison) -> bool:
+    """Tell whether an effect leaves as large errors as the comparison has, in every channel."""
+    left = over_noise(comparison, one.heldout)
+    return all(
+        max(left[name], ratio) <= comparison_criteria.ABOVE_NOISE * min(left[name], ratio)
+        for name, ratio in ratios.items()
+        if math.isfinite(ratio)
+    )
 
 
 def _doubted(comparison: Comparison, *, settled: bool) -> tuple[str, ...]:

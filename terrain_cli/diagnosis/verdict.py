@@ -179,7 +179,9 @@ def _nothing(diagnosis: Diagnosis, seen: str) -> str:
     if diagnosis.alarm.idle:
         cause = diagnosis.alarm.cause
         return f"What is left follows {cause} more than by chance, but no held-out error falls with it."
-    return "The data show no missing effect."
+    few = blocks < comparison_criteria.FEWEST_BLOCKS
+    doubt = f"No effect shows, but {too_few(blocks)} to rule one out."
+    return doubt if few else "The data show no missing effect."
 
 
 def with_draft(sentence: str, path: str) -> str:

@@ -147,7 +147,7 @@ def tried(
 
     first, second, compared_before, compared_after = both(wheels, first, more=True)
     progress("one soil or several")
-    windows, told = _needed_soils(first, second, compared_after, before, after)
+    windows, told = _needed_soils(action, first, second, compared_after, before, after)
     if told:
         first, second, *_ = both(windows, None, more=False)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
@@ -183,20 +183,31 @@ def tried(
 
 
 def _needed_soils(
-    first: Comparison, second: Comparison, own: Comparison, before: ModelFile, after: ModelFile
+    action: Action,
+    first: Comparison,
+    second: Comparison,
+    own: Comparison,
+    before: ModelFile,
+    after: ModelFile,
 ) -> tuple[Sequence[Windows], list[str]]:
     """Return the soils that the model with an effect needs, and what is said of them if they are others.
 
     Without an effect, new soils can stand for it: then it would seem to be worth nothing.
     """
     ratio = weigh(first, second, own)[1].overall
-    new = [one for one in after.model.effects if one not in before.model.effects]
-    windows, told = [wheel.windows for wheel in second.wheels], list[str]()
-    if len(new) == 1 and not ratio.high < 1.0 and any(len(one) > 1 for one in windows):
-        windows, told = several_soils.enough_with(second, new[0], before)
-    if not told and new and ratio.low <= 1.0 <= ratio.high and second.soil_count < first.soil_count:
+    with_it, without, file, plain = first, second, before, after
+    if action == "add":
+        with_it, without, file, plain = second, first, after, before
+    # As a change is judged: less is none, however sure.
+    differs = not ratio.low <= 1.0 <= ratio.high and abs(ratio.value - 1.0) > criteria.LEAST_CHANGE
+    pays = differs and (ratio.value < 1.0) == (action == "add")
+    new = [one for one in file.model.effects if one not in plain.model.effects]
+    windows, told = [wheel.windows for wheel in with_it.wheels], list[str]()
+    if len(new) == 1 and not pays and any(len(one) > 1 for one in windows):
+        windows, told = several_soils.enough_with(with_it, new[0], plain)
+    if not told and new and not differs and with_it.soil_count < without.soil_count:
         # With fewer soils it predicts as well: what it is worth shows on these.
-        told = [several_soils.enough(new, second.soil_count)]
+        told = [several_soils.enough(new, with_it.soil_count)]
     return windows, told
 
 

@@ -167,10 +167,13 @@ def _proposed(
         if evidence.closest and evidence.misses:
             # Held-out data can judge what may be chance.
             likely = [(evidence.closest,)]
+        further, left = ("further ", "what is left") if evidence.effects else ("", "the misfit")
         why = "the data show no missing effect"
-        if evidence.impossible:
-            why = "no effect shows beside a soil that is physically impossible"
-        return likely, "no effect explains the misfit" if evidence.misses or evidence.tracked else why
+        if evidence.misses or evidence.tracked:
+            why = f"no {further}effect explains {left}"
+        elif evidence.impossible:
+            why = f"no {further}effect shows beside a soil that is physically impossible"
+        return likely, why
     both = [found.together] if found.together else []
     if found.together[:1] == (models.STRESSES,):
         # The others of the family are behind the stresses, and some need them.

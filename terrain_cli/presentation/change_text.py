@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from terrain_cli.comparison import Comparison, comparison_criteria
@@ -189,7 +189,8 @@ def _concluded(step: Step, asked: Asked | None) -> Conclusion:
     """Conclude what is known of the model as it is after the decision."""
     now = step.compared_after if step.kept else step.compared_before
     refused = step.changed if step.action == "add" and not step.kept else ()
-    return comparison_text.conclusion_of(Evidence.of_comparison(now, refused), now, asked)
+    found = replace(Evidence.of_comparison(now, refused), unconfirmed=bool(refused) and step.pays)
+    return comparison_text.conclusion_of(found, now, asked)
 
 
 def untested(entry: dict[str, Any]) -> dict[str, Any]:
@@ -323,9 +324,10 @@ def _parameters(parameters: Sequence[Estimated]) -> list[str]:
 
 def _moved(step: Step) -> str:
     several = len(step.first.wheels) > 1 or any(len(wheel.segments) > 1 for wheel in step.first.wheels)
-    parts = []
+    parts, unknown = [], []
     for one, symbol in zip(step.shifts, ("c", "φ"), strict=True):
         if one.where is None:
+            unknown.append(symbol)
             continue
         _, wheel, segment = one.where
         most = (
@@ -334,7 +336,8 @@ def _moved(step: Step) -> str:
         )
         size = quantities.number(one.largest, 2)
         parts.append(f"{symbol} by {size} standard error{'s' * (size != '1')}{most}")
-    return f"moved: {'; '.join(parts)}" if parts else "how far c and φ moved is not known"
+    known = [f"moved: {'; '.join(parts)}"] if parts else []
+    return "; ".join([*known, *([f"how far {listed(unknown)} moved is not known"] if unknown else [])])
 
 
 def _open(step: Step) -> Iterator[str]:

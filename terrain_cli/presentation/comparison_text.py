@@ -26,6 +26,7 @@ from terrain_cli.vocabulary.quantities import counted, entries, known, listed, q
 
 FORMAT = "terrain-est/comparison/1"
 _PLACE = ("source", "wheel", "segment")  # What tells a segment from others
+_MOST = 0.5  # Share of the misfit, above which findings explain most of it
 _WORST = 3  # Segments that a finding names, and a person reads
 
 
@@ -223,11 +224,11 @@ def _off_too(comparison: Comparison) -> Iterator[str]:
     ]
     if off:
         are = "is" if len(off) == 1 else "are"
-        share = sum(finding.share for finding in comparison.failures)
-        yield (
-            f"  {listed(off)} {are} off too: the fitted soil spreads an error of one channel over the others."
-            f" These findings explain {min(share, 1.0):.0%} of the whole misfit"
-        )
+        share = min(sum(finding.share for finding in comparison.failures), 1.0)
+        # Only what they explain may have spread.
+        why = ": the fitted soil spreads an error of one channel over the others. These findings explain"
+        why = why if share > _MOST else ", and no finding tells why: these explain only"
+        yield f"  {listed(off)} {are} off too{why} {share:.0%} of the whole misfit"
 
 
 def title(comparison: Comparison) -> str:

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from terrain_cli.comparison import kept_aside
+from terrain_cli.comparison import comparison_criteria, kept_aside
 from terrain_cli.diagnosis.conclusion import Conclusion
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis
+from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, over_noise
 from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.diagnosis.verdict import sizes_text
@@ -40,6 +40,7 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
         },
         "alarm": entries(diagnosis.alarm, *_ALARM),
         **entries(diagnosis, "verdict", "effect", "family", "together", "together_or"),
+        "together_heldout_rmse": _errors_of(diagnosis.pair, comparison.channels) if diagnosis.pair else None,
         "candidates": [
             {**_candidate(one, comparison.channels), "ranked_by": ranked}
             for one, ranked in zip(diagnosis.candidates, ranked_by(diagnosis.candidates), strict=True)
@@ -57,10 +58,14 @@ def _concluded(diagnosis: Diagnosis, asked: Asked | None, draft: str) -> Conclus
     return comparison_text.conclusion_of(evidence, diagnosis.comparison, asked)
 
 
+def _errors_of(one: Candidate, channels: Iterable[str]) -> dict[str, float | None]:
+    return {name: known(one.heldout.get(name, math.nan)) for name in channels}
+
+
 def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:
     return {
         **entries(one, "effect", "title", "score", "p_value", "explained", "surviving"),
-        "heldout_rmse": {name: known(one.heldout.get(name, math.nan)) for name in channels},
+        "heldout_rmse": _errors_of(one, channels),
         "heldout_loss": known(one.loss),
         "heldout_loss_se": known(one.loss_se),
         **entries(one, "refitted", "in_family", "doubt"),
@@ -127,7 +132,7 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     # As the column says, which is about the errors beside it, not about the loss of the ranking.
     leading = fitted[:1] if leads(fitted) else []
     rest = sorted(fitted[len(leading) :], key=lambda one: (not one.in_family, -one.explained))
-    shown = [*leading, *rest][:_SHOWN]
+    shown = [*([diagnosis.pair] if diagnosis.pair else []), *[*leading, *rest][:_SHOWN]]
     if shown:
         soils = "; same soils: those of the rows below" * bool(diagnosis.heldout)
         lines += ["", *_table(diagnosis, shown), *order(fitted, diagnosis.together), f"{_LEGEND}{soils}"]
@@ -183,12 +188,15 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     def errors(held_out: Mapping[str, float]) -> list[str]:
         return [short(held_out.get(name, math.nan) * one.factor) for name, one in channels.items()]
 
+    # Of errors that are those of noise a share says nothing.
+    noise = all(one <= comparison_criteria.ABOVE_NOISE for one in over_noise(diagnosis.comparison).values())
+    misfit = diagnosis.alarm.raised or bool(diagnosis.heldout) or not noise
     base = ["(as it is)", "", "", *errors({name: one.heldout_rmse for name, one in own.items()}), ""]
     rows = [
         [
             f"{'* ' if one.in_family else '  '}{one.effect}",
-            f"{one.explained:.0%}" if math.isfinite(one.explained) else "–",
-            f"{one.surviving:.0%}",
+            f"{one.explained:.0%}" if misfit and math.isfinite(one.explained) else "–",
+            f"{one.surviving:.0%}" if math.isfinite(one.surviving) else "",
             *errors(one.heldout),
             f"{sizes_text(one)} ({one.doubt})" if one.doubt else sizes_text(one),
         ]

@@ -1,6 +1,6 @@
 """What a mission team reads first: the soils by terrain and wheel, and what was set aside."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -86,8 +86,17 @@ def _known(pooled: PooledEstimate, columns: Sequence[str]) -> dict[str, float | 
     return {name: known(value) for name, value in in_units(pooled, columns).items()}
 
 
-def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:
-    """Write a summary; segments of soils that nobody named are listed: what is pooled of them is no soil."""
+def text(
+    summary: dict[str, Any],
+    table: Table,
+    *,
+    diagnosed: Callable[[], str] | None = None,
+    verbose: bool = False,
+) -> str:
+    """Write a summary; segments of soils that nobody named are listed: what is pooled of them is no soil.
+
+    `diagnosed` returns the command that looks for what a model lacks, for the last line.
+    """
     lines = []
     for entry in summary["inputs"]:
         for wheel in entry["wheels"]:
@@ -110,6 +119,8 @@ def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str
         lines.append(f"… and {len(table['wheel']) - LISTED} more segments")
     others = sorted({name for entry in summary["terrains"] for name in entry["status"]} - {"ok"})
     lines += [f"{name}: {MEANINGS[name]}{_addition(name, table)}" for name in others]
+    if diagnosed and not _DIAGNOSED.isdisjoint(others):
+        lines.append(f"Next: {diagnosed()}")
     return "\n".join(lines)
 
 
@@ -204,15 +215,16 @@ _MAPPED = ("strength_at_stress_kPa", "strength_at_stress_se_kPa")
 _SHOWN = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", *_MAPPED, "stress_kPa")
 #: Error of a strength, as a share of it, up to which it is known.
 _KNOWN = 0.5
+#: Statuses of what a diagnosis may explain.
+_DIAGNOSED = frozenset({"at-bound", "model-misses"})
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the ridge penalty δ; only the strength is reliable",
     "not-separable": "c and φ cannot be separated: the load varies too little for the noise, "
     "or k is uncertain",
     "out-of-range": "c is negative or φ is outside 0 to 60°: noise if within its error, else a wrong model",
-    "at-bound": "a parameter is at the limit of its plausible range, or far from what rover.toml says of it; "
-    "try `terrain-est diagnose`",
+    "at-bound": "a parameter is at the limit of its plausible range, or far from what rover.toml says of it",
     "prior-bound": "the data do not determine c or φ (left empty)",
-    "model-misses": "the soil varies or an effect is missing: c and φ may be off; try `terrain-est diagnose`",
+    "model-misses": "the soil varies or an effect is missing: c and φ may be off",
     "too-few-samples": "segments with fewer samples than --min-samples",
 }
 

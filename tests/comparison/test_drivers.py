@@ -77,3 +77,21 @@ def test_what_follows_the_clock_alone_is_not_taken_off():
     clock = np.arange(1_000.0)
     every = {"time": driver("time", clock), "sinkage": driver("sinkage", clock)}
     assert drivers.beside(clock, 25, every, {}) is clock
+
+
+def test_what_swings_with_the_grousers_is_no_noise_that_lasts():
+    """At a wheel speed that wanders it has no period in time, and is over within seconds as noise is."""
+    rng = np.random.default_rng(78_972_901)
+    n, rate, grousers = 1_200, 20.0, 14
+    speed = np.repeat(rng.uniform(0.2, 0.5, n // 150), 150)
+    angle = drivers.Driver(drivers.ANGLE, "rad", np.cumsum(speed) / rate)
+    noise = rng.normal(size=n)
+    group = np.zeros(n, dtype=int)
+    residual = noise + 5.0 * np.sin(grousers * angle.values + 0.3)
+    memory = residual_noise.of_series(residual, group, rate).forgotten
+    assert memory > 0
+    left = drivers.beside(residual, memory, {drivers.ANGLE: angle}, {}, grousers)
+    np.testing.assert_allclose(left, noise, atol=0.5)
+    assert residual_noise.of_series(left, group, rate).forgotten == 0
+    # Of a wheel of whose grousers nothing is known, 14 in a turn are not looked for.
+    assert np.std(drivers.beside(residual, memory, {drivers.ANGLE: angle}, {})) > 2.0

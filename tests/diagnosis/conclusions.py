@@ -40,6 +40,14 @@ CONCLUSIONS = [
     pytest.param(evidence(FINE), "fits", FITS, "", id="noise, by scores"),
     pytest.param(evidence(FINE, verdict="none"), "fits", FITS, "", id="noise, by a diagnosis"),
     pytest.param(
+        evidence(FINE, verdict="none", blocks=5),
+        "fits",
+        f"The model fits to within the noise: {SMALLEST}. No effect shows, but 5 independent stretches of "
+        "data are too few to rule one out. Record a drive at least 2 times as long.",
+        "",
+        id="noise, on few stretches",
+    ),
+    pytest.param(
         evidence({**FINE, "drawbar pull": 1.0}, soils=3, changes=("8 s", "20 s"), needed=True),
         "fits",
         FITS.replace("noise:", "noise with 3 soils:")
@@ -89,6 +97,7 @@ CONCLUSIONS = [
             soils=2,
             changes=("8 s",),
             leaves=True,
+            better=True,
         ),
         "explained",
         MISSES.replace("the held-out", "with 1 soil instead of 2, the held-out")

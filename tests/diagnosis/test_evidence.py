@@ -51,6 +51,7 @@ def diagnosis(*, stretch=None, **known):
         "unknown": None,
         "together": (),
         "together_or": (),
+        "pair": None,
         "candidates": [],
         "next_drive": [],
         "unrecorded": (),
@@ -130,6 +131,7 @@ def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
         family=("sensor-lag",),
         together=(),
         together_or=(),
+        pair=None,
         candidates=[candidate("sensor-lag", heldout={"torque": 2.0}, noise={"torque": noise})],
         next_drive=[],
         unrecorded=(),
@@ -137,6 +139,31 @@ def test_a_misfit_that_passed_for_noise_is_none(noise, heldout, told):
         soils=0,
     )
     assert told in conclude(Evidence.of_diagnosis(found), ASKED).sentence
+
+
+@pytest.mark.parametrize(
+    ("after", "ratio", "fewer", "better"),
+    [
+        # It leaves what two soils leave: all that it explains is their difference.
+        (1.5, 6.0, 1, False),
+        # It takes off what these miss too, or leaves as much again.
+        (1.0, 1.5, 0, False),
+        (5.0, 1.5, 0, True),
+    ],
+)
+def test_what_an_effect_explains_is_told_of_the_soils_that_it_stands_for(after, ratio, fewer, better):
+    torque = SimpleNamespace(noise=1.0, heldout_rmse=1.5)
+    found = diagnosis(
+        verdict="family",
+        family=("multi-pass",),
+        candidates=[candidate("multi-pass", heldout={"torque": after}, noise={"torque": 1.0})],
+        heldout={"torque": 6.0},
+        soils=1,
+    )
+    found.comparison = compared_to({"torque": torque}, soil_count=2, soil_changes=["8 s"])
+    evidence = Evidence.of_diagnosis(found)
+    assert evidence.ratios == {"torque": ratio}
+    assert (evidence.fewer, evidence.better) == (fewer, better)
 
 
 @pytest.mark.parametrize(
@@ -159,6 +186,7 @@ def test_an_effect_that_explains_the_misfit_removes_the_doubt_of_a_unit(settles,
         family=("motor-temperature",),
         together=(),
         together_or=(),
+        pair=None,
         candidates=[warm],
         next_drive=[],
         unrecorded=(),

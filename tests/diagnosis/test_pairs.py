@@ -54,6 +54,20 @@ def test_they_are_added_together_and_stay(wheels, found):
     assert {effect.id for effect in end.file.model.effects} == set(HIDDEN)
     for name, errors in steps[0].second.channels.items():
         assert errors.heldout_rmse < 1.1 * errors.noise, name
+        # What the diagnosis told of both is what the change shows.
+        assert found.pair.heldout[name] == pytest.approx(errors.heldout_rmse, rel=0.02), name
+        assert found.pair.noise[name] == pytest.approx(errors.noise, rel=0.02), name
+
+
+def test_the_table_has_a_row_of_both(found):
+    lines = diagnosis_text.text(found).splitlines()
+    row = next(line for line in lines if line.startswith("* "))
+    assert row.startswith("* load-bias and motor-temperature")
+    assert float(row.split("%")[0].split()[-1]) > 95.0
+    told = diagnosis_text.document(found)
+    assert told["together_heldout_rmse"] == found.pair.heldout
+    alone = [one["heldout_rmse"]["torque"] for one in told["candidates"] if one["effect"] in HIDDEN]
+    assert told["together_heldout_rmse"]["torque"] < min(alone)
 
 
 PAIR = ("slip-sinkage", "slope")

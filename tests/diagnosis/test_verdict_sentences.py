@@ -28,6 +28,7 @@ def diagnosed(heldout, verdict="effect", together=()):
         unknown=None,
         together=together,
         together_or=(),
+        pair=None,
     )
 
 

@@ -54,6 +54,13 @@ UNEXPLAINED = [
         id="all is recorded",
     ),
     pytest.param(
+        evidence(OFF, raised=True, refused=("slope",), unconfirmed=True),
+        "unexplained",
+        UNFIT + "slope was tried, and another drive does not confirm it.",
+        LOOK,
+        id="another drive speaks against it",
+    ),
+    pytest.param(
         evidence(OFF, raised=True, verdict="family", family=("slope",), refused=("slope",)),
         "unexplained",
         UNFIT + "slope was tried, and held-out data do not support it.",

@@ -1,10 +1,14 @@
 """What is said of a parameter beside its value, and estimates that another process makes meanwhile."""
 
+from types import SimpleNamespace
+
 import pytest
 from changed_models import write_all
 
 from terrain_cli import effects, models, rover, telemetry
+from terrain_cli.comparison.blocks import Interval
 from terrain_cli.estimation import estimators
+from terrain_cli.improvement import change_trial
 from terrain_cli.improvement.change_trial import remark, tried
 from terrain_cli.windows import cut_windows
 
@@ -59,3 +63,29 @@ def test_another_process_estimates_the_segments_of_both_models(tmp_path, monkeyp
     assert len(made) == 2
     assert elsewhere.shifts == here.shifts
     assert here.shifts[0].largest > 0.0
+
+
+@pytest.mark.parametrize(
+    ("action", "ratio", "enough"),
+    [
+        ("add", (0.994, 0.990, 0.999), True),  # Sure, and too little to count
+        ("add", (0.9, 0.88, 0.92), False),
+        ("remove", (1.006, 1.001, 1.010), True),
+        ("remove", (1.1, 1.08, 1.12), False),
+    ],
+)
+def test_what_hardly_gains_beside_several_soils_is_weighed_on_those_that_it_needs(
+    action, ratio, enough, monkeypatch
+):
+    """Each model had the soils that it needs: two of them stood for the effect."""
+    told = [None, SimpleNamespace(overall=Interval(*ratio))]
+    monkeypatch.setattr(change_trial, "weigh", lambda *_: told)
+    plain, soil = models.build("wong-reece"), SimpleNamespace(windows=[None])
+    file = models.added(plain, ["multi-pass"], 0.02).file
+    one = SimpleNamespace(wheels=[soil], soil_count=1)
+    two = SimpleNamespace(wheels=[SimpleNamespace(windows=[None, None])], soil_count=2)
+    parts = (two, one, one, plain, file) if action == "add" else (one, two, two, file, plain)
+    windows, remarks = change_trial._needed_soils(action, *parts)
+    assert windows == [soil.windows]
+    what = "with multi-pass, 1 soil will do; both models are compared on 1 soil"
+    assert remarks == [what] * enough

@@ -15,7 +15,8 @@ from scipy.special import chdtrc
 from terrain_cli import models, rover, telemetry
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
-from terrain_cli.improvement import Stopped, model_history, tried_in_forms, until_quiet
+from terrain_cli.diagnosis.evidence import Evidence
+from terrain_cli.improvement import Stopped, loop, model_history, tried_in_forms, until_quiet
 from terrain_cli.improvement.change_trial import compared
 from terrain_cli.models import Refused
 from terrain_cli.presentation import change_text
@@ -76,6 +77,7 @@ def diagnosing(*answers):
             unknown=unknown,
             together=(),
             together_or=(),
+            pair=None,
             candidates=[],
             heldout={},
             soils=1,
@@ -287,12 +289,27 @@ def test_an_alarm_without_a_name_is_told(sinks):
         unknown=None,
         together=(),
         together_or=(),
+        pair=None,
         candidates=[],
         next_drive=[],
     )
     (end,) = until_quiet(sinks, models.resolve("wong-reece"), diagnose=lambda *_: nothing)
     assert not end.silent
     assert "no effect can be named" in end.because
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        ((), "no effect explains the misfit"),
+        (("slope",), "no further effect explains what is left"),
+    ],
+)
+def test_what_an_effect_leaves_is_not_all_of_the_misfit(effects, says, monkeypatch):
+    """Beside what was just added, "no effect explains the misfit" would speak against it."""
+    known = Evidence(ratios={"torque": 1.4}, blocks=20, raised=False, effects=effects)
+    monkeypatch.setattr(Evidence, "of_diagnosis", lambda _: known)
+    assert loop._proposed(SimpleNamespace(alarm=SimpleNamespace(raised=False)), None) == ([], says)
 
 
 def test_how_sure_an_effect_is_of_itself(own, clean, folder, monkeypatch):

@@ -1,10 +1,13 @@
 """A change of a model in words."""
 
+import math
 from types import SimpleNamespace
+
+import pytest
 
 from terrain_cli import models
 from terrain_cli.comparison.blocks import Interval
-from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence
+from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Shift
 from terrain_cli.presentation import change_text
 
 
@@ -63,3 +66,20 @@ def test_an_error_that_fell_is_not_said_not_to_have_fallen():
         "stiffness-law is not added: the held-out error fell in torque from 0.0817 to 0.073 N m, but its "
         "parameters do not differ significantly from their null values (p 0.016)"
     )
+
+
+@pytest.mark.parametrize(
+    ("c", "phi", "told"),
+    [
+        (1.5, 0.2, "moved: c by 1.5 standard errors; φ by 0.2 standard errors"),
+        (None, 6.2, "moved: φ by 6.2 standard errors; how far c moved is not known"),
+        (None, None, "how far c and φ moved is not known"),
+    ],
+)
+def test_what_moved_is_told_and_what_is_not_known_of_it(c, phi, told):
+    shifts = [
+        Shift(name, size or math.nan, size or math.nan, ("run.csv", "wheel", 1) if size else None)
+        for name, size in (("c", c), ("phi", phi))
+    ]
+    first = SimpleNamespace(wheels=[SimpleNamespace(segments=[1])])
+    assert change_text._moved(SimpleNamespace(first=first, shifts=shifts)) == told

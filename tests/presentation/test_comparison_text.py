@@ -18,3 +18,8 @@ def test_a_channel_that_is_off_without_a_finding_is_told_why():
         "These findings explain 96% of the whole misfit"
     )
     assert list(comparison_text._off_too(SimpleNamespace(channels={}, failures=[finding]))) == []
+    # What hardly explains anything has spread nothing.
+    finding.share = 0.17
+    (line,) = comparison_text._off_too(compared)
+    told = "and no finding tells why: these explain only 17% of the whole misfit"
+    assert line == f"  torque is off too, {told}"
