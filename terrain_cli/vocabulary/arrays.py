@@ -11,7 +11,8 @@ Bounds = NDArray[np.intp]  # Of windows: where each begins, and where the last o
 
 def ratio(top: Array, bottom: Array, otherwise: float = 0.0) -> Array:
     """Return a ratio where the divisor is above 0, and elsewhere another number."""
-    return np.divide(top, bottom, out=np.full(np.broadcast(top, bottom).shape, otherwise), where=bottom > 0.0)
+    found: Array = np.full(np.broadcast(top, bottom).shape, otherwise)
+    return np.divide(top, bottom, out=found, where=bottom > 0.0)
 
 
 def median(values: Array) -> float:
