@@ -65,9 +65,8 @@ class Evidence:
     changes: tuple[str, ...] = ()  # Where one of these ends and another begins, though no label says so
     needed: bool = False  # No effect on fewer soils predicts as well
     instead: str = ""  # By a first check: what on fewer soils predicts as well
-    fewer: int = (
-        0  # Soils on which the ratios are, where the comparison has more and these stand for an effect
-    )
+    #: Soils on which the ratios are, where the comparison has more and these stand for an effect.
+    fewer: int = 0
     better: bool = False  # These more soils leave less than the best effect
     impossible: tuple[str, ...] = ()  # Properties of the fitted soil that no soil has, in words
     # Effects of the model that stand where nature has none, or as far as they can go, and how, in words
