@@ -49,8 +49,10 @@ def command(context: click.Context, /, **_: Any) -> None:
     "report"; where that is missing, the command says how to add it.
     """
     from terrain_cli import models
+    from terrain_cli.estimation.estimators import estimate_beside
     from terrain_cli.improvement import compared
     from terrain_cli.improvement.change_trial import alternatives
+    from terrain_cli.processes import cores, jobs
     from terrain_cli.views import report
 
     given = context.params
@@ -59,11 +61,14 @@ def command(context: click.Context, /, **_: Any) -> None:
         cut = comparison_options.read(context, [file], progress, noted=False)
         tell = partial(progress.say, str(file.path or file.model.base))
         soils = comparison_options.asked(given, cut, file)
+        answer = estimate_beside([soils]) if cores() > 1 else lambda: None
         comparison = compared(cut, file, soils=soils, seed=given["seed"], progress=tell)
-        choices = alternatives(
-            cut, file, comparison, candidates=given["candidates"], seed=given["seed"], progress=tell
-        )
+        with jobs(cores()):
+            choices = alternatives(
+                cut, file, comparison, candidates=given["candidates"], seed=given["seed"], progress=tell
+            )
         progress.advance()
+        answer()
         say = partial(progress.say, given["output"])
         parts: dict[str, Any] = {"models": choices, "further": [report.history(file.history)]}
         parts |= {"asked": comparison_options.repeated(context, given["model"]), "progress": say}

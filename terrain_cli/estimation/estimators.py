@@ -9,7 +9,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from terrain_cli import estimation, models, processes
+from terrain_cli import effects, estimation, models, processes
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import WindowEstimates, fit_account, prediction, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
@@ -384,6 +384,8 @@ def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[tuple[Bounds, Wi
 
 def estimate_beside(asked: Sequence[EstimateRequest]) -> Callable[[], None]:
     """Begin to estimate in another process; return what waits for it, and then has the requests answered."""
+    # Both processes need the catalogue, which is read before there are two.
+    effects.catalogue()
     waited = processes.beside(partial(estimates_of, asked))
 
     def answer() -> None:

@@ -7,14 +7,14 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from terrain_cli import models
+from terrain_cli import models, processes
 from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
 from terrain_cli.comparison.compare import needed_segments, of_fitted, on_few_soils
 from terrain_cli.comparison.comparison_outcome import Soils, WheelComparison, with_refused
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.two_models import between_soils, paired_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
-from terrain_cli.effects import Effect, catalogue
+from terrain_cli.effects import Effect
 from terrain_cli.estimation.estimators import EstimateRequest, FitSettings, estimate_beside
 from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES
 from terrain_cli.improvement import improvement_criteria as criteria
@@ -113,8 +113,6 @@ def tried(
     # c and φ are those of the segments, however many soils the two models are compared on.
     every = partial(EstimateRequest, wheels=wheels, needed=needed_segments)
     asked = [soils or every(file=before), every(file=after)]
-    # Both processes need the catalogue, which is read before there are two.
-    catalogue()
     answer = estimate_beside(asked) if beside else lambda: None
 
     def telling(what: str) -> Callable[[str], None]:
@@ -370,23 +368,26 @@ def alternatives(
     Of these it is not looked for where they fail.
     """
     modulus = wheels[0].samples.geometry.shear_modulus
-
-    def shown(label: str, other: ModelFile) -> Alternative:
-        progress(label)
-        return Alternative(label, compared(wheels, other, like=own, findings=False, seed=seed))
-
     ids = [effect.id for effect in file.model.effects]
-    steps = [
-        shown(_named(file, ids[:count]), models.removed(file, ids[count:], modulus).file)
+    others = [
+        (_named(file, ids[:count]), models.removed(file, ids[count:], modulus).file)
         for count in range(len(ids))
     ]
     scores = own.scores() if own.scores else None
     missing = scores.effects[:candidates] if scores and scores.raised else ()
-    return [
-        *steps,
-        Alternative(_named(file, ids), own, own=True),
-        *(shown(f"+ {name}", models.added(file, [name], modulus).file) for name in missing),
-    ]
+    others += [(f"+ {name}", models.added(file, [name], modulus).file) for name in missing]
+    # Scores hold what cannot be sent to another process, and are asked for of the model itself alone.
+    shown = partial(_alternative, wheels, replace(own, scores=None), seed)
+    found = processes.each(shown, others, lambda one: progress(one[0]))
+    return [*found[: len(ids)], Alternative(_named(file, ids), own, own=True), *found[len(ids) :]]
+
+
+def _alternative(
+    wheels: Sequence[Windows], like: Comparison, seed: int, model: tuple[str, ModelFile]
+) -> Alternative:
+    label, file = model
+    found = compared(wheels, file, like=like, findings=False, seed=seed)
+    return Alternative(label, replace(found, scores=None))
 
 
 def _named(file: ModelFile, ids: Sequence[str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from changed_models import write_all
 
-from terrain_cli import models, rover, telemetry
+from terrain_cli import models, processes, rover, telemetry
 from terrain_cli.improvement import compared
 from terrain_cli.improvement.change_trial import alternatives
 from terrain_cli.windows import cut_windows
@@ -42,3 +42,14 @@ def test_a_model_that_fits_stands_beside_its_steps_alone(sinks):
     assert (base.label, base.own) == ("wong-reece", False)
     assert (own.label, own.own) == ("wong-reece with slip-sinkage", True)
     assert held_out(own) < 0.5 * held_out(base)
+
+
+def test_in_several_processes_they_are_the_same(sinks):
+    file = models.resolve("wong-reece")
+    own, told = compared(sinks, file), []
+    here = alternatives(sinks, file, own, candidates=2)
+    with processes.jobs(2):
+        there = alternatives(sinks, file, own, candidates=2, progress=told.append)
+    assert told == [one.label for one in here[1:]]
+    assert [one.label for one in there] == [one.label for one in here]
+    assert [held_out(one) for one in there] == [held_out(one) for one in here]
