@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from formats import Source
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked
     from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.presentation.terminal import Progress
     from terrain_cli.telemetry import Samples
     from terrain_cli.views.plots import Drawn
+    from terrain_cli.vocabulary.next_commands import Asked
     from terrain_cli.windows.cut_windows import Windows
 
 #: By which windows are cut, samples are kept and chance is drawn.
@@ -140,7 +140,7 @@ def _tell(
 def repeated(context: click.Context, model: str) -> Asked:
     """Return what was asked, so that the next command can ask it again of a model."""
     from formats.errors import shown
-    from terrain_cli.diagnosis.diagnosis_outcome import Asked
+    from terrain_cli.vocabulary.next_commands import Asked
 
     said = click.core.ParameterSource.COMMANDLINE
     words: list[str] = []

@@ -192,11 +192,12 @@ def _write(  # noqa: C901 - one branch for each thing asked for
     def diagnosed() -> str:
         return comparison_options.repeated(context, given["model"] or "wong-reece").looked("diagnose")
 
-    readable = summary.text(in_lines(document), table, diagnosed=diagnosed, verbose=given["verbose"])
-    if for_reading:
-        say(readable)
-    elif not given["quiet"]:
-        click.echo(readable, err=True)
+    if for_reading or not given["quiet"]:
+        readable = summary.text(in_lines(document), table, diagnosed=diagnosed, verbose=given["verbose"])
+        if for_reading:
+            say(readable)
+        else:
+            click.echo(readable, err=True)
 
 
 def _outcomes(

@@ -7,10 +7,11 @@ from typing import Literal
 
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, above_noise, too_few
+from terrain_cli.diagnosis.diagnosis_outcome import above_noise, too_few
 from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.effects import NAMES
 from terrain_cli.models import ASSUMPTIONS
+from terrain_cli.vocabulary.next_commands import Asked
 from terrain_cli.vocabulary.quantities import counted, listed
 
 State = Literal["fits", "explained", "unexplained", "undecided"]

@@ -8,7 +8,6 @@ import numpy as np
 
 from terrain_cli import effects
 from terrain_cli.effects.laws.grammar import Law
-from terrain_cli.mechanics.contact import slip_of_radius
 from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior, Quantities
 from terrain_cli.mechanics.wheel_model import STRESSES
 from terrain_cli.models import ModelFile
@@ -103,19 +102,16 @@ def with_stated_errors(file: ModelFile, samples: Samples, measured: Collection[s
 def with_error(
     error: Stated, by: float, samples: Samples, measured: Mapping[str, Array]
 ) -> tuple[Geometry, dict[str, Array]]:
-    """Return the wheel and what was measured if an error were there, so many standard deviations large."""
-    geometry, amount = samples.geometry, by * error.size
-    if error.kind == "offset":
-        return geometry, {**measured, error.of: measured[error.of] - amount}
-    if error.kind == "gain":
-        return geometry, {**measured, error.of: measured[error.of] * (1.0 - amount)}
-    felt = dict(measured)
-    if error.of == "radius":
-        if samples.derives("slip"):
-            felt["slip"] = slip_of_radius(felt["slip"], 1.0 + amount)
-        if samples.derives("sinkage"):
-            felt["sinkage"] = felt["sinkage"] * (1.0 + amount)
-    return geometry._replace(**{error.of: getattr(geometry, error.of) * (1.0 + amount)}), felt
+    """Return the wheel and what the soil felt if an error were there, so many standard deviations large."""
+    geometry, felt = samples.geometry, dict(measured)
+    for name, law in _laws(error, samples).items():
+        # What is shown of a torque or a sinkage is undone by the opposite error, to first order.
+        amount = error.size * (by if name in {*_FELT, "radius"} else -by)
+        if name == "radius":
+            geometry = geometry._replace(radius=law({name: geometry.radius, error.kind: amount}))
+        elif name in felt:
+            felt[name] = law({name: felt[name], error.kind: amount})
+    return geometry, felt
 
 
 def suspects(file: ModelFile, windows: Windows) -> tuple[list[Effect], dict[str, Array]]:

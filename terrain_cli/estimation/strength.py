@@ -75,12 +75,11 @@ def at_one_stress(estimates: WindowEstimates, stress: float) -> WindowEstimates:
 
     c and φ may be empty where they are not told; what is known of both together still has its strength.
     """
-    own, parts = estimates, []
-    with np.errstate(invalid="ignore"):
-        for part in ("data", "assumed"):
-            c, tan_phi, corr = (getattr(own, f"{part}_{name}") for name in ("c_se", "tan_phi_se", "corr"))
-            parts.append(c**2 + 2.0 * stress * np.nan_to_num(corr) * c * tan_phi + (stress * tan_phi) ** 2)
-        error = np.sqrt(np.maximum(sum(parts), 0.0))
+    own = estimates
+    error = np.hypot(
+        _error(stress, own.data_c_se, own.data_tan_phi_se, own.data_corr),
+        _error(stress, own.assumed_c_se, own.assumed_tan_phi_se, own.assumed_corr),
+    )
     # As it stands where a log was compared there itself.
     other = np.isfinite(own.strength_at_stress) & (own.stress != stress)
     return replace(
@@ -118,8 +117,12 @@ def extrapolation_notes(
 def strength_at(stress: Array | float, of: WindowEstimates | PooledEstimate) -> tuple[Array, Array]:
     """Return c + σ tan φ and its standard error, Pa."""
     tan_phi = np.tan(of.phi)
-    tan_se = of.phi_se * (1.0 + tan_phi**2)
+    return of.c + stress * tan_phi, _error(stress, of.c_se, of.phi_se * (1.0 + tan_phi**2), of.corr)
+
+
+def _error(stress: Array | float, c_se: Array | float, tan_se: Array | float, corr: Array | float) -> Array:
     # An estimate without error has no correlation.
-    mixed = np.where(of.c_se * tan_se > 0.0, of.corr * of.c_se * tan_se, 0.0)
-    variance = of.c_se**2 + 2.0 * stress * mixed + (stress * tan_se) ** 2
-    return of.c + stress * tan_phi, np.sqrt(np.maximum(variance, 0.0))
+    mixed = np.where(c_se * tan_se > 0.0, corr * c_se * tan_se, 0.0)
+    variance = c_se**2 + 2.0 * stress * mixed + (stress * tan_se) ** 2
+    error: Array = np.sqrt(np.maximum(variance, 0.0))
+    return error

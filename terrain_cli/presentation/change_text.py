@@ -8,7 +8,7 @@ from typing import Any
 from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.comparison.blocks import Interval
 from terrain_cli.diagnosis.conclusion import Conclusion
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, too_few
+from terrain_cli.diagnosis.diagnosis_outcome import too_few
 from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
@@ -18,6 +18,7 @@ from terrain_cli.improvement.model_history import Rung
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.next_commands import Asked
 from terrain_cli.vocabulary.quantities import counted, listed
 
 FORMAT = "terrain-est/model-change/1"

@@ -17,11 +17,11 @@ from terrain_cli.comparison.comparison_outcome import (
     segment_soils,
 )
 from terrain_cli.diagnosis.conclusion import Conclusion, conclude
-from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.estimation import WindowEstimates
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
+from terrain_cli.vocabulary.next_commands import Asked
 from terrain_cli.vocabulary.quantities import counted, entries, known, listed, quantity, short
 
 FORMAT = "terrain-est/comparison/1"

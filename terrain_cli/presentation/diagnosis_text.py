@@ -6,13 +6,14 @@ from typing import Any
 
 from terrain_cli.comparison import comparison_criteria, kept_aside
 from terrain_cli.diagnosis.conclusion import Conclusion
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, Candidate, Diagnosis, over_noise
+from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, over_noise
 from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement import model_history
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
+from terrain_cli.vocabulary.next_commands import Asked
 from terrain_cli.vocabulary.quantities import entries, known, listed, quantity, short
 
 FORMAT = "terrain-est/diagnosis/1"

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.diagnosis.evidence import Evidence
+from terrain_cli.vocabulary.next_commands import Asked
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
 FILE = Asked(inputs=("run.csv",), model="rig.toml")

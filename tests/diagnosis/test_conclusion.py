@@ -7,7 +7,7 @@ from conclusions import AGAIN, ASKED, CONCLUSIONS, DATA, FILE, FINE, LOOK, MISSE
 from unexplained_conclusions import UNEXPLAINED
 
 from terrain_cli.diagnosis.conclusion import conclude
-from terrain_cli.diagnosis.diagnosis_outcome import Asked
+from terrain_cli.vocabulary.next_commands import Asked
 
 
 @pytest.mark.parametrize(("found", "state", "begins", "command"), [*CONCLUSIONS, *UNEXPLAINED])

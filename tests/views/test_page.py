@@ -17,11 +17,11 @@ from simulator.run import simulate
 
 from formats import CannotWriteError
 from terrain_cli import version
-from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import report, shown_segments
 from terrain_cli.views.report import Section, Table, drive_charts, page
+from terrain_cli.vocabulary.next_commands import Asked
 
 HOSTILE = "<script>alert('1')</script>\"&{{ 7 * 7 }}</textarea>"
 VOID = {"meta", "link", "br"}

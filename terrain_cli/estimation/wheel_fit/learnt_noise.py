@@ -273,10 +273,10 @@ class LikelyNoise:
         prior, whole = self._prior, covariance(*known)
         expected = self._expected - np.einsum("wab,cwba->c", whole, self._taken)
         # A level that is wrong in all channels alike is found at once: it only scales the sum of squares.
-        ratio = max(self._found.sum() / max(expected.sum(), 1.0), _LEAST**2)
-        scale = 0.5 * np.log(ratio)
+        larger = max(self._found.sum() / max(expected.sum(), 1.0), _LEAST**2)
+        scale = 0.5 * np.log(larger)
         independent = 1.0 / self.lasting
-        told = independent * (self._found / ratio - expected)
+        told = independent * (self._found / larger - expected)
         to, information = self._uphill(
             self._steps + scale, told, 2.0 * independent * self._shared, independent
         )

@@ -13,11 +13,11 @@ from typing import Any
 
 import formats
 from terrain_cli.comparison.comparison_outcome import Comparison, as_estimated
-from terrain_cli.diagnosis.diagnosis_outcome import Asked
 from terrain_cli.improvement.change_trial import Alternative
 from terrain_cli.presentation.terminal import put
 from terrain_cli.version import __version__
 from terrain_cli.views import chart_style
+from terrain_cli.vocabulary.next_commands import Asked
 
 # Before its libraries are imported: it says which extra brings them.
 chart_style.need("report")

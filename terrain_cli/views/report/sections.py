@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_cli.comparison.comparison_outcome import Comparison
-from terrain_cli.diagnosis.diagnosis_outcome import Asked, above_noise, over_noise
+from terrain_cli.diagnosis.diagnosis_outcome import above_noise, over_noise
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.report import drive_charts
@@ -17,6 +17,7 @@ from terrain_cli.views.report.page_parts import Chart, Section, Table
 from terrain_cli.views.shown_samples import Pairs
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.arrays import Array, Index
+from terrain_cli.vocabulary.next_commands import Asked
 from terrain_cli.vocabulary.quantities import counted
 
 Choices = list[tuple[str, str]]
