@@ -139,7 +139,7 @@ class FollowedWheel:
             self._watch.begin()
         if self._segment.count:
             held = self._segment.whole()
-            self._line.add(_driving(held, *cut_windows.line(held, np.arange(len(held)))))
+            self._line.add(_driving(held, cut_windows.line(held, np.arange(len(held)))))
 
     def take(self, part: Samples) -> Iterator[segment_table.Table]:
         """Take the samples that follow; yield the row of each segment that they close."""
@@ -192,7 +192,7 @@ class FollowedWheel:
             self._segment.add(replace(piece, channels=kept))
         else:
             self._segment.add(piece)
-        self._line.add(_driving(piece, *line))
+        self._line.add(_driving(piece, line))
         if self._settings.segments == "auto":
             yield from self._search(piece, place, line)
         self._look(piece)
@@ -331,6 +331,6 @@ class FollowedWheel:
         return *self._line.soil, self._segment.count
 
 
-def _driving(piece: Samples, x: Array, y: Array) -> Array:
-    """Return what the recursive estimator takes of a wheel that does not skid, shape (6, n)."""
-    return np.array([x, y, *(piece.channels[name] for name in NEEDED)])[:, piece.channels["slip"] >= 0.0]
+def _driving(piece: Samples, line: tuple[Array, Array]) -> Array:
+    """Return x and y of a wheel that does not skid, shape (2, n)."""
+    return np.array(line)[:, piece.channels["slip"] >= 0.0]
