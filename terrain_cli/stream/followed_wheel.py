@@ -258,11 +258,8 @@ class FollowedWheel:
     ) -> tuple[cut_windows.Windows, Fitted]:
         parts = [replace(part, stretch=np.full(len(part), place)) for place, part in enumerate(segments)]
         cut = cut_windows.cut(joined(parts), "none")
-        given = self._settings
-        fitted = estimators.estimate(
-            cut, given.method, self._file, **given.of_fits, at_stress=stress.value, begun=begun
-        )
-        return cut, fitted
+        given = replace(self._settings.of_fits, at_stress=stress.value)
+        return cut, estimators.estimate(cut, self._settings.method, self._file, given, begun=begun)
 
     def again(self, stress: CommonStress) -> list[segment_table.Table]:
         """Return the rows held, with what a fit of all their segments says; none of the line alone."""
@@ -319,7 +316,7 @@ class FollowedWheel:
         cut = cut_windows.cut(whole, "none").on_line()
         if not len(cut.rows):
             return None
-        line = estimators.estimate_lines(cut, "recursive", min_samples=self._settings.min_samples)
+        line = estimators.estimate_lines(cut, "recursive", self._settings.of_fits)
         if self._moved is None:
             self._moved = assumed.deviations(line, cut, "recursive")
         line = assumed.with_assumptions(line, cut, "recursive", self._moved)
