@@ -204,6 +204,11 @@ def key(name: str) -> str:
     return name if bare else value(name)
 
 
+def lines(content: Mapping[str, Any], before: str = "") -> list[str]:
+    """Write each entry of a mapping, with what comes before its name; those that are None are left out."""
+    return [f"{before}{key(name)} = {value(own)}" for name, own in content.items() if own is not None]
+
+
 def value(content: Any) -> str:  # noqa: PLR0911 - one for each kind
     """Write a value, of NumPy too, on one line; entries of a mapping that are None are left out."""
     match content:
@@ -220,8 +225,7 @@ def value(content: Any) -> str:  # noqa: PLR0911 - one for each kind
             # With its time, where it has one.
             return content.isoformat()
         case Mapping():
-            pairs = (f"{key(name)} = {value(inner)}" for name, inner in content.items() if inner is not None)
-            return f"{{ {', '.join(pairs)} }}"
+            return f"{{ {', '.join(lines(content))} }}"
         case list() | tuple():
             return f"[{', '.join(map(value, content))}]"
     raise TypeError(f"TOML has no {type(content).__name__}")
