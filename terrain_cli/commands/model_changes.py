@@ -198,14 +198,15 @@ def add(context: click.Context, /, **_: Any) -> None:
         raise UsageError("--keep-aside needs --data", hint="the share is taken from the inputs of --data")
     if given["until_quiet"]:
         if not given["inputs"]:
-            raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
+            raise UsageError("--until-quiet needs --data", hint="add --data with one input or several")
         if given["keep"]:
             raise UsageError("--keep and --until-quiet contradict each other", hint="leave out one of them")
         _until_quiet(context)
         return
     if not given["effects"]:
         raise UsageError(
-            "model add: which EFFECT?", hint="terrain-est effects list shows them; --until-quiet finds out"
+            "model add: no EFFECT is given",
+            hint="terrain-est effects list shows all of them; with --until-quiet the data choose",
         )
     if given["draft"]:
         raise UsageError("--draft is for --until-quiet", hint="a draft is added by its file name")

@@ -82,7 +82,7 @@ def choose(
         return None
     if method not in {"auto", "wong-reece"}:
         raise UsageError(
-            f"--method {method} is an estimator of the linear model, and --model {name} is more than that",
+            f"--method {method} is an estimator of the linear model, and --model {name} is another model",
             hint="leave out --method, or --model",
         )
     return file
@@ -141,7 +141,7 @@ def estimate(
     ):
         windows.samples.remarks.append(
             f"{len(windows):,} segments, too many for the full model: c and φ are from the linear "
-            "model; --method wong-reece fits the full model all the same"
+            "model; --method wong-reece fits the full model in any case"
         )
         file = None
     asked = fit_account.chosen(windows, joint)

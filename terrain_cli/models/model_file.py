@@ -92,7 +92,11 @@ def load(path: str | Path) -> ModelFile:
     text = toml_files.read_text(path)
     content = toml_files.parse(text, path)
     if content.get("format") != FORMAT:
-        said = f"format is {content['format']!r}" if "format" in content else "format is missing"
+        said = (
+            f"format is {content['format']!r}"
+            if "format" in content
+            else "is not a model file: the key format is missing"
+        )
         raise ConfigurationError(f"{path}: {said}", hint=f'this version reads format = "{FORMAT}"')
     content = _FILE(content, f"{path}: ")
     toml_files.require(content, str(path), "base")

@@ -110,7 +110,7 @@ def text(
             lines += [f"  {name}: {how}" for name, how in derived.items()]
             lines += _model_text(wheel["model"])
         if entry["rows_skipped"]:
-            lines.append(f"  skipped: {entry['rows_skipped']} rows that are not whole")
+            lines.append(f"  skipped: {entry['rows_skipped']} incomplete rows")
         lines += [f"  {remark}" for remark in dict.fromkeys(r for w in entry["wheels"] for r in w["remarks"])]
     unnamed = summary["settings"]["segments"] == "auto" and not any(table["terrain"])
     rows = _segment_rows(table) if unnamed else _terrain_rows(summary["terrains"])
