@@ -222,10 +222,10 @@ def _check_confirm(given: Mapping[str, Any]) -> None:
             "--confirm needs --data", hint="give with --data the drive on which the effect was named"
         )
     if given["keep_aside"] is not None:
-        raise UsageError("--confirm and --keep-aside are two proofs", hint="give one of them")
+        raise UsageError("--confirm and --keep-aside exclude each other", hint="give one of them")
     if given["until_quiet"]:
         raise UsageError(
-            "--confirm is for effects that are named",
+            "--confirm needs an EFFECT, and --until-quiet has none yet",
             hint="let --until-quiet choose first, then add what it chose to a new model with --confirm",
         )
     data = {Path(path).resolve() for path in formats.expand(given["inputs"])}

@@ -224,7 +224,9 @@ min_samples = value(
     f"Fewest samples of a segment.  [{choices.CUT_SAMPLES} to cut, {choices.FIT_SAMPLES} to estimate]",
 )
 folds = value(
-    "--folds N", Count(2, _MOST_FOLDS), "Choose the ridge's δ over N contiguous blocks.  [leave-one-out]"
+    "--folds N",
+    Count(2, _MOST_FOLDS),
+    "Choose the ridge's δ by cross-validation over N blocks.  [leave-one-out]",
 )
 at_stress = value(
     "--at-stress KPA",

@@ -146,7 +146,7 @@ def _name_outputs(context: click.Context) -> None:
             )
         given["truth"] = f"{given['output'].rstrip('/')}.sealed.json"
     if given["truth"] == "-":
-        raise UsageError("--truth: the truth goes to a file of its own")
+        raise UsageError("--truth needs a file, not standard output", hint="give --truth FILE.json")
     named = [given[name] for name in ("output", "truth", "rover") if given[name]]
     given["rover"] = given["rover"] or _rover_beside(given["output"])
     paths.check(context)

@@ -47,6 +47,8 @@ MOST = 2_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Windows:
+    """The usable samples of a wheel, cut into windows."""
+
     samples: Samples
     rows: Index  # Shape (n,): the usable samples, as indices into `samples`
     bounds: Index  # Shape (windows + 1,): window j is ``rows[bounds[j]:bounds[j + 1]]``
