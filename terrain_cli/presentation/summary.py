@@ -221,7 +221,8 @@ MEANINGS = {
     "ill-conditioned": "c and φ depend on the ridge penalty δ; only the strength is reliable",
     "not-separable": "c and φ cannot be separated: the load varies too little for the noise, "
     "or k is uncertain",
-    "out-of-range": "c is negative or φ is outside 0 to 60°: noise if by less than the error, else a wrong model",
+    "out-of-range": "c is negative or φ is outside 0 to 60°: noise if by less than its error, else "
+    "a wrong model",
     "at-bound": "a parameter is at the limit of its plausible range, or far from what rover.toml says of it",
     "prior-bound": "the data do not determine c or φ (left empty)",
     "model-misses": "the soil varies or an effect is missing: c and φ may be off",
