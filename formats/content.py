@@ -171,10 +171,7 @@ class TextStream(io.RawIOBase):
         """Say what is wrong with bytes that are no text, by what the name of the file promises."""
         for kind in FILE_KINDS.values():
             if kind.found != "a text table" and self.path.lower().endswith(kind.endings):
-                what, hint = (
-                    f"is not {kind.found}: its first bytes are not those of one",
-                    "copy or record it again",
-                )
+                what, hint = f"is not {kind.found}, though its name says so", "copy or record it again"
         return FormatError(self.path, what, hint=hint)
 
     def _as_utf8(self, data: bytes) -> bytes:

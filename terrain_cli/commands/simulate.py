@@ -141,9 +141,7 @@ def _name_outputs(context: click.Context) -> None:
     given = context.params
     if given["hide"] and not given["truth"]:
         if given["output"] == "-":
-            raise UsageError(
-                "--hide needs a file for what it hides", hint="add --truth FILE.json, or -o FILE"
-            )
+            raise UsageError("--hide needs a file for the truth", hint="add --truth FILE.json, or -o FILE")
         given["truth"] = f"{given['output'].rstrip('/')}.sealed.json"
     if given["truth"] == "-":
         raise UsageError("--truth needs a file, not standard output", hint="give --truth FILE.json")

@@ -76,7 +76,7 @@ def choose(
     if file is None or file.plain:
         if robust:
             raise UsageError(
-                "--robust is for the full model, or one with effects",
+                "--robust is for the full model, or a model with effects",
                 hint="add --method wong-reece, or --model FILE",
             )
         return None

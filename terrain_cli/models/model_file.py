@@ -252,10 +252,10 @@ def new(file: ModelFile) -> str:
         f"effects = {toml_files.value(file.effects)}",
     ]
     if file.shared:
-        lines += ["# One value for all windows of a wheel.", f"shared = {toml_files.value(file.shared)}"]
+        lines += ["# One value for all segments of a wheel.", f"shared = {toml_files.value(file.shared)}"]
     lines += [
         "",
-        "# Parameters held at a value; the others are estimated, those of the soil window by window.",
+        "# Parameters held at a value; the others are estimated, those of the soil in each segment.",
         f"# Of the soil: {soil}.",
         "# Of the effects: by the names and in the units that terrain-est model show lists.",
         "[fixed]",
