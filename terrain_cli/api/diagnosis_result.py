@@ -141,7 +141,7 @@ def diagnose(
 
     Every effect of the catalogue is tried: fitted together with the soil, and judged by the error on
     stretches of the data that were left out. Inputs of the same wheel are joined. A log of a minute
-    takes some ten seconds.
+    takes about ten seconds.
 
     Parameters
     ----------

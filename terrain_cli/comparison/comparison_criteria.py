@@ -59,7 +59,7 @@ A finding is reported by itself, so it needs the stricter level. An alarm also n
 blocks."""
 FINDING_LEVEL = criterion(
     0.005,
-    "how often chance gives a finding this strong, over all drivers and shapes; with some 20 blocks the "
+    "how often chance gives a finding this strong, over all drivers and shapes; with about 20 blocks the "
     "bootstrap counts 2 to 5 times too few",
     "finding_study, 1: with it 1 of 300 clean drives has a finding",
 )
