@@ -115,7 +115,7 @@ class DiagnosisResult(result_tables.Result):
 
     def _repr_html_(self) -> str:
         drives = [
-            f"To tell {' from '.join(one.pair)}: {one.manoeuvre} (settles it in {one.power:.0%} of cases)"
+            f"To tell {' from '.join(one.pair)}: {one.manoeuvre} (decides in {one.power:.0%} of cases)"
             for one in self.next_drive
         ]
         fitted = self.candidates["refitted"].astype(bool)

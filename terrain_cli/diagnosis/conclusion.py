@@ -91,8 +91,8 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
     told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
     told += ", as is to be expected by chance with so few points" * bool(above_noise(known))
     if found.impossible:
-        told += f", but only with {listed(found.impossible)}, which is physically impossible: something is "
-        told += "missing that the soil takes up, or a sensor is wrong."
+        told += f", but only with {listed(found.impossible)}, which is physically impossible: the soil "
+        told += "imitates something that is missing, or a sensor is wrong."
         if found.verdict is None and not found.refused and not found.ended:
             command = asked.looked("diagnose")
             return Conclusion("unexplained", f"{told} Next: {command}", command)

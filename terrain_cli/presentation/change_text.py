@@ -62,9 +62,7 @@ def doubt(step: Step) -> str:
         return what
     if not step.next_drive.settings:
         return f"{what}: {step.next_drive.manoeuvre}"
-    return (
-        f"{what}; to tell, {step.next_drive.manoeuvre} (settles it in {step.next_drive.power:.0%} of cases)"
-    )
+    return f"{what}; to tell, {step.next_drive.manoeuvre} (decides in {step.next_drive.power:.0%} of cases)"
 
 
 def found(step: Step) -> str:

@@ -23,7 +23,7 @@ SMALLEST = "the held-out error is at most 1.02 × the noise (in torque)"
 FITS = f"The model fits to within the noise: {SMALLEST}, and the data show no missing effect."
 NO_SOIL = (
     f"The model fits to within the noise: {SMALLEST}, but only with a cohesion of -3 kPa, which is "
-    "physically impossible: something is missing that the soil takes up, or a sensor is wrong."
+    "physically impossible: the soil imitates something that is missing, or a sensor is wrong."
 )
 LOOK = "terrain-est diagnose 'a run.csv' --segments none"
 OUT = "terrain-est model remove wong-reece crust --segments none --data 'a run.csv'"
