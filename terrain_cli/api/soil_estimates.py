@@ -78,7 +78,7 @@ def posterior(
     model: ModelFile | str | Path | None = None,
     robust: bool = False,
 ) -> pd.DataFrame:
-    """Say what is known of c and φ together, and of all parameters, in every window.
+    """Return the joint posterior of c and φ, and the covariance of all parameters, in every window.
 
     Parameters
     ----------

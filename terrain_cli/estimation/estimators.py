@@ -89,13 +89,13 @@ def choose(
     if file is None or file.plain:
         if robust:
             raise UsageError(
-                "--robust is for the full model, or one with effects",
+                "--robust is for the full model, or a model with effects",
                 hint="add --method wong-reece, or --model FILE",
             )
         return None
     if method not in {"auto", "wong-reece"}:
         raise UsageError(
-            f"--method {method} is an estimator of the linear model, and --model {name} is more than that",
+            f"--method {method} is an estimator of the linear model, and --model {name} is another model",
             hint="leave out --method, or --model",
         )
     return file
@@ -147,7 +147,7 @@ def estimate(
     ):
         windows.samples.remarks.append(
             f"{len(windows):,} segments, too many for the full model: c and φ are from the linear "
-            "model; --method wong-reece fits the full model all the same"
+            "model; --method wong-reece fits the full model in any case"
         )
         file = None
     asked = fit_account.chosen(windows, joint)

@@ -92,7 +92,11 @@ def load(path: str | Path) -> ModelFile:
     text = toml_files.read_text(path)
     content = toml_files.parse(text, path)
     if content.get("format") != FORMAT:
-        said = f"format is {content['format']!r}" if "format" in content else "format is missing"
+        said = (
+            f"format is {content['format']!r}"
+            if "format" in content
+            else "is not a model file: the key format is missing"
+        )
         raise ConfigurationError(f"{path}: {said}", hint=f'this version reads format = "{FORMAT}"')
     content = _FILE(content, f"{path}: ")
     toml_files.require(content, str(path), "base")
@@ -248,10 +252,10 @@ def new(file: ModelFile) -> str:
         f"effects = {toml_files.value(file.effects)}",
     ]
     if file.shared:
-        lines += ["# One value for all windows of a wheel.", f"shared = {toml_files.value(file.shared)}"]
+        lines += ["# One value for all segments of a wheel.", f"shared = {toml_files.value(file.shared)}"]
     lines += [
         "",
-        "# Parameters held at a value; the others are estimated, those of the soil window by window.",
+        "# Parameters held at a value; the others are estimated, those of the soil in each segment.",
         f"# Of the soil: {soil}.",
         "# Of the effects: by the names and in the units that terrain-est model show lists.",
         "[fixed]",

@@ -15,6 +15,7 @@ from terrain_cli.telemetry.wheel_samples import DERIVED, NEEDED, Feed, Plan, Raw
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+from terrain_cli.vocabulary.quantities import listed
 
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.
@@ -148,7 +149,7 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
 
 
 def because(plan: Plan, wheel: str, lack: Lack) -> str:
-    """Say why something is missing: nothing gives it, or too much does."""
+    """Say why something is missing: it is neither measured nor derived, or several columns may be it."""
     doubts = plan.doubts(wheel)
     for channel in (lack.what, *lack.ask):
         if channel in doubts:
@@ -162,8 +163,8 @@ def reasons(plan: Plan, wheel: str, lacks: Sequence[Lack]) -> list[str]:
     told = [(lack.what, because(plan, wheel, lack)) for lack in lacks]
     silent = [what for what, text in told if text.startswith(NOWHERE)]
     loud = [f"no {what}: {text}" for what, text in told if not text.startswith(NOWHERE)]
-    text = " or ".join(filter(None, (", ".join(silent[:-1]), *silent[-1:])))
-    return [f"nothing gives {text}", *loud] if silent else loud
+    are = "is" if len(silent) == 1 else "are"
+    return [f"{listed(silent)} {are} neither measured nor derived", *loud] if silent else loud
 
 
 def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:

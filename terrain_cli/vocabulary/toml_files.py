@@ -3,6 +3,7 @@
 A rule takes a value and its place in the file, and returns the value as the program wants it.
 """
 
+import errno
 import io
 import json
 import math
@@ -40,7 +41,9 @@ def read_text(path: str | Path) -> str:
     except FormatError as error:
         raise ConfigurationError(str(error)) from error
     except OSError as error:
-        raise ConfigurationError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+        what = (error.strerror or str(error)).lower()
+        what = {errno.ENOENT: "no such file", errno.EISDIR: "is a folder"}.get(error.errno or 0, what)
+        raise ConfigurationError(f"{path}: {what}") from error
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"{path}: not text in UTF-8", hint="save it as UTF-8") from error
     return text

@@ -95,7 +95,7 @@ def test_no_effect_is_a_probable_cause_that_explains_little(stretch):
     )
     fails = "the model predicts 1.6 N m too little torque from 40 s to 60 s"
     assert verdict.sentence(log, [found("torque", fails, 0.6)], ["torque"]) == (
-        f"T{fails[1:]}. No effect explains most of it: gear-efficiency or slope at most 9%."
+        f"T{fails[1:]}. No effect explains most of the misfit: gear-efficiency or slope explains at most 9%."
     )
 
 
