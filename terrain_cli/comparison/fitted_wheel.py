@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import Any
 
@@ -380,7 +380,8 @@ class FittedWheel:
             wanted = self.model, self.geometry, channels, self.of_samples, tuple(self.measured)
             found = prediction.values(*wanted)
         along = time[self.windows.rows], self.series, channels.get("velocity")
-        return past.along(*along, found, self.measured)
+        shown = partial(prediction.shown_late, self.model, self.of_samples())
+        return past.along(*along, found, self.measured, shown)
 
     def smoothed(self, gaps: Mapping[str, int], rows: Index, *, remembering: bool = False) -> dict[str, Any]:
         """Return channels of some usable samples, without the samples' own noise.

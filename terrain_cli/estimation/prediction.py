@@ -1,6 +1,7 @@
 """Torque, drawbar pull and sinkage of the measured samples, and their derivatives by what was fitted."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -90,8 +91,19 @@ def past_of_fit(
     velocity = samples.channels.get("velocity")
     velocity = None if velocity is None else velocity[rows]
     measured = {name: samples.channels[name][rows] for name in found}
-    shown = past.along(samples.time[rows], samples.stretch[rows], velocity, found, measured)
-    return {name: column[np.searchsorted(rows, thinned.rows)] for name, column in shown.items()}
+    along = samples.time[rows], samples.stretch[rows], velocity
+    before = past.along(*along, found, measured, partial(shown_late, fit.model, own))
+    return {name: column[np.searchsorted(rows, thinned.rows)] for name, column in before.items()}
+
+
+def shown_late(model: Model, parameters: Mapping[str, Array], channel: str, before: past.Past) -> Array:
+    """Return a predicted channel of some samples as late as a model has it; `parameters` are of each."""
+    shown: Any = before.predicted
+    for effect in model.changing.get(channel, ()):
+        if effect.remembers:
+            own = {p.name: parameters[effect.qualified(p)] for p in effect.parameters}
+            shown = effect.laws[channel]({channel: shown, f"{channel}{past.SUFFIX}": before, **own})
+    return np.asarray(shown)
 
 
 def derivatives(

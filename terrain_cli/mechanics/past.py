@@ -8,7 +8,7 @@ from the prediction, a lag has no noise of what was measured in it, and none is 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -266,18 +266,38 @@ def along(
     velocity: Array | None,
     predicted: Mapping[str, Array],
     measured: Mapping[str, Array] | None = None,
+    shown: Callable[[str, Past], Array] | None = None,
 ) -> dict[str, Any]:
     """Return what laws call the past of predicted channels, of all samples of a wheel; time in s.
 
     Noise of the inputs is in a prediction too, and less of it where this is shifted or filtered, so that any
-    lag would seem to help. It is taken off, unless what is `measured` changes from sample to sample as well.
+    lag would seem to help. What a prediction changes by from sample to sample is therefore taken for true by
+    the share of it that is `measured` too, `shown` as late as that is: what is left to be off is independent
+    of what is taken (regression calibration; Carroll et al. 2006, Measurement Error in Nonlinear Models,
+    chapter 4).
     """
     order = np.lexsort((time, stretch))
-    if measured is not None and not _rough(stretch[order], order, predicted, measured):
-        predicted = {name: _smooth(time, stretch, order, one) for name, one in predicted.items()}
     clocks, place = _clocks(time, stretch, velocity, order), np.arange(len(time))
-    series = {name: PredictedSeries(clocks, stretch, one) for name, one in predicted.items()}
-    return {f"{name}{SUFFIX}": Past(one, place) for name, one in series.items()}
+
+    def past(values: Array) -> Past:
+        return Past(PredictedSeries(clocks, stretch, values), place)
+
+    found = {}
+    for name, one in predicted.items():
+        if measured is not None and shown is not None:
+            smooth = _smooth(time, stretch, order, one)
+            own, change = shown(name, past(smooth)), shown(name, past(one - smooth))
+            share = _share(measured[name] - own, change)
+            one = smooth + share * (one - smooth)
+        found[f"{name}{SUFFIX}"] = past(one)
+    return found
+
+
+def _share(left: Array, change: Array) -> float:
+    """Return by how much of a change what is left follows it."""
+    known = np.isfinite(left) & np.isfinite(change)
+    power = float(change[known] @ change[known])
+    return float(np.clip(left[known] @ change[known] / power, 0.0, 1.0)) if power > 0.0 else 1.0
 
 
 def _clocks(time: Array, stretch: Index, velocity: Array | None, order: Index) -> dict[str, Array]:
@@ -313,19 +333,6 @@ def around(
         first = min(first, int(np.searchsorted(column, column[begin] - far)) - 2)
         last = max(last, int(np.searchsorted(column, column[end - 1] + far)) + 3)
     return max(first, 0), min(last, len(time))
-
-
-def _rough(
-    stretch: Index, order: Index, predicted: Mapping[str, Array], measured: Mapping[str, Array]
-) -> bool:
-    """Tell whether some channel shows more than half of how what is predicted changes between samples."""
-    same = stretch[2:] == stretch[:-2]
-    for name in predicted.keys() & measured.keys():
-        change, shown = (np.diff(one[name][order], 2)[same] for one in (predicted, measured))
-        known = np.isfinite(change) & np.isfinite(shown)
-        if change[known] @ shown[known] > 0.5 * (change[known] @ change[known]):
-            return True
-    return False
 
 
 def _smooth(time: Array, stretch: Index, order: Index, values: Array) -> Array:
