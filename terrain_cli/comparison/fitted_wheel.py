@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -83,7 +83,7 @@ class FittedWheel:
 
         def past_of(found: Fit) -> dict[str, Any]:
             self.parameters = found.of_windows(settings.fixed)
-            return self.past_of(self._read(smoothed_channels.GAPS))
+            return self.past_of_noisy(self._read(smoothed_channels.GAPS))
 
         self.fit = behind(fitted, past_of, self.channels, settings.fixed)
         self.under = self.fit.under
@@ -263,7 +263,7 @@ class FittedWheel:
         that noise off the load.
         """
         read = self._read(smoothed_channels.GAPS)
-        return {**read, **self.past_of(read)} if self.model.remembers else read
+        return {**read, **self.past_of_noisy(read)} if self.model.remembers else read
 
     @cached_property
     def _from_conditions(self) -> dict[str, Array]:
@@ -374,14 +374,24 @@ class FittedWheel:
         self, channels: Mapping[str, Array], found: Mapping[str, Array] | None = None
     ) -> dict[str, Any]:
         """Return the past of what is `found` of all samples, by default predicted; none of steady points."""
-        if (time := self.windows.samples.time) is None:
+        if (clock := self._clock(channels)) is None:
             return {}
         if found is None:
             wanted = self.model, self.geometry, channels, self.of_samples, tuple(self.measured)
             found = prediction.values(*wanted)
-        along = time[self.windows.rows], self.series, channels.get("velocity")
-        shown = partial(prediction.shown_late, self.model, self.of_samples())
-        return past.along(*along, found, self.measured, shown)
+        return past.along(*clock, found)
+
+    def past_of_noisy(self, channels: Mapping[str, Array]) -> dict[str, Any]:
+        """Return the same of what is predicted from channels with their own noise."""
+        if (clock := self._clock(channels)) is None:
+            return {}
+        return prediction.past_of(
+            self.model, self.geometry, channels, self.of_samples(), clock, self.measured
+        )
+
+    def _clock(self, channels: Mapping[str, Array]) -> tuple[Array, Index, Array | None] | None:
+        time = self.windows.samples.time
+        return None if time is None else (time[self.windows.rows], self.series, channels.get("velocity"))
 
     def smoothed(self, gaps: Mapping[str, int], rows: Index, *, remembering: bool = False) -> dict[str, Any]:
         """Return channels of some usable samples, without the samples' own noise.

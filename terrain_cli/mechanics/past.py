@@ -8,14 +8,15 @@ from the prediction, a lag has no noise of what was measured in it, and none is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from copy import copy
 from typing import Any, Literal
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from terrain_cli.mechanics.dual import chain, slopes, value
-from terrain_cli.mechanics.rates import level, wheel_angle
+from terrain_cli.mechanics.rates import wheel_angle
 from terrain_cli.vocabulary.arrays import Array, Index
 
 #: Step in time constants up to which a series is taken, right to 1e-12: 4! / (4 + j)! of its powers j.
@@ -47,6 +48,15 @@ class PredictedSeries:
         self.kept: dict[tuple[str, float, float, bool], tuple[Array, ...]] = {}
         #: Of each clock, how far before or after a sample the farthest lies that was asked for.
         self.reach: dict[str, float] = {}
+
+    def of(self, values: Array) -> PredictedSeries:
+        """Return another series of the same samples, in the order of time."""
+        other = copy(self)
+        other.values, other.kept, other.reach = values, {}, {}
+        other.curves = {
+            name: _curve(clock, self.first, self.last, values) for name, clock in self.clocks.items()
+        }
+        return other
 
     def _one_clock(self, clock: Array) -> Array:
         """Let the stretches follow one another."""
@@ -206,14 +216,21 @@ def _shares(step: Array) -> Array:
 class Past:
     """The series of a channel as some samples see it; taking some of these takes the whole series along.
 
-    `place` is which sample of the series each of them is, or between which.
+    `place` is which sample of the series each of them is, or between which. By a lag it changes as the
+    `steady` series does: that has no noise of the sample itself, which a residual has too.
     """
 
-    def __init__(self, series: PredictedSeries, place: Index | Array) -> None:
-        self.series, self.place = series, place
+    def __init__(
+        self, series: PredictedSeries, place: Index | Array, steady: PredictedSeries | None = None
+    ) -> None:
+        self.series, self.place, self.steady = series, place, steady or series
 
     def __getitem__(self, rows: Any) -> Past:
-        return Past(self.series, self.place[rows])
+        return Past(self.series, self.place[rows], self.steady)
+
+    def of(self, values: Array) -> Past:
+        """Return another series as these samples see it, in the order of time."""
+        return Past(self.series.of(values), self.place, self.steady)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -250,6 +267,8 @@ class Past:
         for (one, other), rows in each:
             if one or other or sloped:
                 parts = self.series.change(clock, float(one), float(other), sloped=sloped)
+                if sloped:
+                    parts = parts[:1] + self.steady.change(clock, float(one), float(other), sloped=True)[1:]
                 found[:, rows] = [self._here(part, rows) for part in parts]
         return chain(found[0], [(found[1], delay), (found[2], constant)]) if sloped else found[0]
 
@@ -265,39 +284,22 @@ def along(
     stretch: Index,
     velocity: Array | None,
     predicted: Mapping[str, Array],
-    measured: Mapping[str, Array] | None = None,
-    shown: Callable[[str, Past], Array] | None = None,
+    steady: Mapping[str, Array] | None = None,
 ) -> dict[str, Any]:
     """Return what laws call the past of predicted channels, of all samples of a wheel; time in s.
 
-    Noise of the inputs is in a prediction too, and less of it where this is shifted or filtered, so that any
-    lag would seem to help. What a prediction changes by from sample to sample is therefore taken for true by
-    the share of it that is `measured` too, `shown` as late as that is: what is left to be off is independent
-    of what is taken (regression calibration; Carroll et al. 2006, Measurement Error in Nonlinear Models,
-    chapter 4).
+    Derivatives by a lag are of what is `steady`, by default of the same.
     """
     order = np.lexsort((time, stretch))
     clocks, place = _clocks(time, stretch, velocity, order), np.arange(len(time))
 
-    def past(values: Array) -> Past:
-        return Past(PredictedSeries(clocks, stretch, values), place)
+    def series(values: Array) -> PredictedSeries:
+        return PredictedSeries(clocks, stretch, values)
 
-    found = {}
-    for name, one in predicted.items():
-        if measured is not None and shown is not None:
-            smooth = _smooth(time, stretch, order, one)
-            own, change = shown(name, past(smooth)), shown(name, past(one - smooth))
-            share = _share(measured[name] - own, change)
-            one = smooth + share * (one - smooth)
-        found[f"{name}{SUFFIX}"] = past(one)
-    return found
-
-
-def _share(left: Array, change: Array) -> float:
-    """Return by how much of a change what is left follows it."""
-    known = np.isfinite(left) & np.isfinite(change)
-    power = float(change[known] @ change[known])
-    return float(np.clip(left[known] @ change[known] / power, 0.0, 1.0)) if power > 0.0 else 1.0
+    return {
+        f"{name}{SUFFIX}": Past(series(one), place, series(steady[name]) if steady else None)
+        for name, one in predicted.items()
+    }
 
 
 def _clocks(time: Array, stretch: Index, velocity: Array | None, order: Index) -> dict[str, Array]:
@@ -333,9 +335,3 @@ def around(
         first = min(first, int(np.searchsorted(column, column[begin] - far)) - 2)
         last = max(last, int(np.searchsorted(column, column[end - 1] + far)) + 3)
     return max(first, 0), min(last, len(time))
-
-
-def _smooth(time: Array, stretch: Index, order: Index, values: Array) -> Array:
-    found = np.empty(len(values))
-    found[order] = level(time[order], stretch[order], values[order])
-    return np.where(np.isfinite(found), found, values)
