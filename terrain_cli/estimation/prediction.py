@@ -1,7 +1,7 @@
 """Torque, drawbar pull and sinkage of the measured samples, and their derivatives by what was fitted."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.mechanics import past
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.rates import level
 from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry, predict
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.cut_windows import Windows
 
+By = Literal["load", "sinkage"]  # From which torque and pull are predicted
 #: From samples, by their indices, to every parameter of the soil and of the effects of each.
 Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
 
@@ -89,7 +89,7 @@ def past_of_fit(
     velocity = samples.channels.get("velocity")
     velocity = None if velocity is None else velocity[rows]
     clock = samples.time[rows], samples.stretch[rows], velocity
-    before = past_of(fit.model, samples.geometry.wheel, channels, own, clock, measured)
+    before = past_of(fit.model, samples.geometry.wheel, channels, own, clock, measured, "load")
     return {name: column[np.searchsorted(rows, thinned.rows)] for name, column in before.items()}
 
 
@@ -100,6 +100,7 @@ def past_of(
     parameters: Mapping[str, Array],
     clock: tuple[Array, Index, Array | None],
     measured: Mapping[str, Array],
+    by: By,
 ) -> dict[str, Any]:
     """Return what a model predicts along whole stretches, without what is late.
 
@@ -109,19 +110,22 @@ def past_of(
     `measured` in the outputs too, each as late as the model has it: what is left to be off is independent of
     what is taken (regression calibration; Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter
     4). Derivatives by a lag are of the smooth inputs alone.
+
+    Torque and pull follow from it `by` the load too where the true inputs are sought. Predicted from the
+    sinkage as measured they have its noise, and so has the past that goes with them.
     """
     told = model.base == "wong-reece" and _known(channels, "load")
     read = {name: column for name, column in channels.items() if not (told and name == "sinkage")}
     inputs = [name for name in ("load", "sinkage", "slip") if _known(read, name)]
     near = np.full(len(clock[0]), np.nan)  # As in a fit, which begins at no measured one
 
-    def predicted(some: Mapping[str, Array]) -> dict[str, Array]:
-        def of(rows: Index) -> dict[str, Array]:
-            return {name: column[rows] for name, column in parameters.items()}
+    def of(rows: Index) -> dict[str, Array]:
+        return {name: column[rows] for name, column in parameters.items()}
 
+    def predicted(some: Mapping[str, Array]) -> dict[str, Array]:
         return values(model, wheel, {**read, **some}, of, tuple(measured), near)
 
-    smooth = {name: _smooth(*clock[:2], read[name]) for name in inputs}
+    smooth = {name: past.smooth(*clock[:2], read[name]) for name in inputs}
     steady, each = predicted(smooth), [predicted({**smooth, name: read[name]}) for name in inputs]
     changes = [{name: column - steady[name] for name, column in one.items()} for one in each]
     base, *shown = (_late(model, parameters, past.along(*clock, one)) for one in (steady, *changes))
@@ -137,7 +141,12 @@ def past_of(
         name: column + np.einsum("k,kn->n", shares, [one[name] for one in changes])
         for name, column in steady.items()
     }
-    return past.along(*clock, whole, steady)
+    found = past.along(*clock, whole, steady=steady)
+    forces = tuple(name for name in measured if name != "sinkage")
+    if by == "load" or not forces:
+        return found
+    sinkage = {name: one for name, one in found.items() if name == f"sinkage{past.SUFFIX}"}
+    return {**past.along(*clock, values(model, wheel, {**channels, **sinkage}, of, forces)), **sinkage}
 
 
 def _late(model: Model, parameters: Mapping[str, Array], before: Mapping[str, past.Past]) -> dict[str, Array]:
@@ -152,13 +161,6 @@ def _late(model: Model, parameters: Mapping[str, Array], before: Mapping[str, pa
                 shown = effect.laws[channel]({channel: shown, name: one, **own})
         found[channel] = np.asarray(shown)
     return found
-
-
-def _smooth(time: Array, stretch: Index, values: Array) -> Array:
-    order = np.lexsort((time, stretch))
-    found = np.empty(len(values))
-    found[order] = level(time[order], stretch[order], values[order])
-    return np.where(np.isfinite(found), found, values)
 
 
 def derivatives(
