@@ -21,6 +21,7 @@ from terrain_cli.comparison import (
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.estimation import prediction
 from terrain_cli.estimation.estimators import FitSettings
+from terrain_cli.estimation.prediction import By
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.fit_result import at_ends
 from terrain_cli.estimation.wheel_fit.late_channels import behind
@@ -83,7 +84,7 @@ class FittedWheel:
 
         def past_of(found: Fit) -> dict[str, Any]:
             self.parameters = found.of_windows(settings.fixed)
-            return self.past_of(self._read(smoothed_channels.GAPS))
+            return self.past_of(self._read(smoothed_channels.GAPS), by="load")
 
         self.fit = behind(fitted, past_of, self.channels, settings.fixed)
         self.under = self.fit.under
@@ -263,7 +264,7 @@ class FittedWheel:
         that noise off the load.
         """
         read = self._read(smoothed_channels.GAPS)
-        return {**read, **self.past_of(read)} if self.model.remembers else read
+        return {**read, **self.past_of(read, by="sinkage")} if self.model.remembers else read
 
     @cached_property
     def _from_conditions(self) -> dict[str, Array]:
@@ -339,8 +340,7 @@ class FittedWheel:
     def interpolated(self, gaps: Mapping[str, int]) -> dict[str, Array]:
         """Return channels of the usable samples, shape (n,), as effects may read them, without their noise.
 
-        Load, sinkage, slip and speeds come from their neighbours, of which `gaps` on either side are left
-        out; torque and pull from the conditions.
+        Load, sinkage, slip and speeds come from neighbours beyond `gaps`, torque and pull from conditions.
         """
         read = self._read(gaps)
         for name in gaps if self.ordered else ():
@@ -371,24 +371,24 @@ class FittedWheel:
         return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
     def past_of(
-        self, channels: Mapping[str, Array], found: Mapping[str, Array] | None = None
+        self, channels: Mapping[str, Any], found: Mapping[str, Array] | None = None, by: By | None = None
     ) -> dict[str, Any]:
-        """Return the past of what is `found` of all samples, by default predicted; none of steady points."""
+        """Return the past of what is `found`, else predicted, of channels with noise `by` what is said."""
         if (time := self.windows.samples.time) is None:
             return {}
-        if found is None:
-            wanted = self.model, self.geometry, channels, self.of_samples, tuple(self.measured)
-            found = prediction.values(*wanted)
+        known = self.model, self.geometry, channels
         along = time[self.windows.rows], self.series, channels.get("velocity")
+        if by:
+            return prediction.past_of(*known, self.of_samples(), along, self.measured, by)
+        found = found or prediction.values(*known, self.of_samples, tuple(self.measured))
         return past.along(*along, found, self.measured)
 
     def smoothed(self, gaps: Mapping[str, int], rows: Index, *, remembering: bool = False) -> dict[str, Any]:
         """Return channels of some usable samples, without the samples' own noise.
 
-        Load and slip are interpolated from neighbours, of which `gaps` on either side are left out; the
-        sinkage is the model's own under these two, as soil that varies would otherwise be in the sinkage of
-        neighbours and in the residual alike. Steady test points have no neighbours: their load and slip are
-        set, and count as exact.
+        Load and slip are interpolated from neighbours, all but `gaps` on either side; the sinkage is the
+        model's own under these two, as soil that varies would otherwise be in that of neighbours and in the
+        residual alike. Steady test points have no neighbours: load and slip are set, and count as exact.
         """
         remembering |= self.model.remembers
         whole = np.arange(len(self)) if remembering else rows

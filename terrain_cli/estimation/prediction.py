@@ -1,7 +1,7 @@
 """Torque, drawbar pull and sinkage of the measured samples, and their derivatives by what was fitted."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,9 +10,10 @@ from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.mechanics import past
 from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry, predict
-from terrain_cli.vocabulary.arrays import Array
+from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.cut_windows import Windows
 
+By = Literal["load", "sinkage"]  # From which torque and pull are predicted
 #: From samples, by their indices, to every parameter of the soil and of the effects of each.
 Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
 
@@ -69,29 +70,97 @@ def values(
 
 
 def past_of_fit(
-    whole: Windows, thinned: Windows, channels: Mapping[str, Array], fit: Fit, fixed: Mapping[str, ArrayLike]
+    whole: Windows,
+    thinned: Windows,
+    channels: Mapping[str, Array],
+    fit: Fit,
+    fixed: Mapping[str, ArrayLike],
 ) -> dict[str, Any]:
     """Return what a fit to the samples of `thinned` predicts of all, as those see it, without what is late.
 
     For a model with a late channel, to be fitted behind it. `channels` are of all usable samples; of steady
-    test points there is nothing.
+    test points there is nothing. As `past_of`.
     """
     samples, rows = whole.samples, whole.rows
     if samples.time is None:
         return {}
     own = {name: np.repeat(one, np.diff(whole.bounds)) for name, one in fit.of_windows(fixed).items()}
-    found = values(
-        fit.model,
-        samples.geometry.wheel,
-        channels,
-        lambda some: {name: column[some] for name, column in own.items()},
-        near=np.full(len(rows), np.nan),  # As in a fit, which begins at no measured one
-    )
+    measured = {name: samples.channels[name][rows] for name in compared(fit.model, channels)}
     velocity = samples.channels.get("velocity")
     velocity = None if velocity is None else velocity[rows]
-    measured = {name: samples.channels[name][rows] for name in found}
-    shown = past.along(samples.time[rows], samples.stretch[rows], velocity, found, measured)
-    return {name: column[np.searchsorted(rows, thinned.rows)] for name, column in shown.items()}
+    clock = samples.time[rows], samples.stretch[rows], velocity
+    before = past_of(fit.model, samples.geometry.wheel, channels, own, clock, measured, "load")
+    return {name: column[np.searchsorted(rows, thinned.rows)] for name, column in before.items()}
+
+
+def past_of(
+    model: Model,
+    wheel: WheelGeometry,
+    channels: Mapping[str, Array],
+    parameters: Mapping[str, Array],
+    clock: tuple[Array, Index, Array | None],
+    measured: Mapping[str, Array],
+    by: By,
+) -> dict[str, Any]:
+    """Return what a model predicts along whole stretches, without what is late.
+
+    Sinkage may itself be late: where the load tells it, all follows from that. Noise of the inputs is in a
+    prediction too, and less of it where this is shifted or filtered, so that any lag would seem to help.
+    What an input changes by from sample to sample is therefore taken for true by the share of it that is
+    `measured` in the outputs too, each as late as the model has it: what is left to be off is independent of
+    what is taken (regression calibration; Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter
+    4). Derivatives by a lag are of the smooth inputs alone.
+
+    Torque and pull follow from it `by` the load too where the true inputs are sought. Predicted from the
+    sinkage as measured they have its noise, and so has the past that goes with them.
+    """
+    told = model.base == "wong-reece" and _known(channels, "load")
+    read = {name: column for name, column in channels.items() if not (told and name == "sinkage")}
+    inputs = [name for name in ("load", "sinkage", "slip") if _known(read, name)]
+    near = np.full(len(clock[0]), np.nan)  # As in a fit, which begins at no measured one
+
+    def of(rows: Index) -> dict[str, Array]:
+        return {name: column[rows] for name, column in parameters.items()}
+
+    def predicted(some: Mapping[str, Array]) -> dict[str, Array]:
+        return values(model, wheel, {**read, **some}, of, tuple(measured), near)
+
+    smooth = {name: past.smooth(*clock[:2], read[name]) for name in inputs}
+    steady, each = predicted(smooth), [predicted({**smooth, name: read[name]}) for name in inputs]
+    changes = [{name: column - steady[name] for name, column in one.items()} for one in each]
+    base, *shown = (_late(model, parameters, past.along(*clock, one)) for one in (steady, *changes))
+    gram, product = np.zeros((len(inputs), len(inputs))), np.zeros(len(inputs))
+    for name, column in measured.items():
+        table, left = np.array([one[name] for one in shown]), column - base[name]
+        known = np.isfinite(left) & np.isfinite(table).all(axis=0)
+        if (power := float(left[known] @ left[known])) > 0.0:
+            gram += table[:, known] @ table[:, known].T * (known.sum() / power)
+            product += table[:, known] @ left[known] * (known.sum() / power)
+    shares = np.clip(np.linalg.lstsq(gram, product, rcond=None)[0], 0.0, 1.0)
+    whole = {
+        name: column + np.einsum("k,kn->n", shares, [one[name] for one in changes])
+        for name, column in steady.items()
+    }
+    found = past.along(*clock, whole, steady=steady)
+    forces = tuple(name for name in measured if name != "sinkage")
+    if by == "load" or not forces:
+        return found
+    sinkage = {name: one for name, one in found.items() if name == f"sinkage{past.SUFFIX}"}
+    return {**past.along(*clock, values(model, wheel, {**channels, **sinkage}, of, forces)), **sinkage}
+
+
+def _late(model: Model, parameters: Mapping[str, Array], before: Mapping[str, past.Past]) -> dict[str, Array]:
+    """Return predicted channels as late as a model has them."""
+    found = {}
+    for name, one in before.items():
+        channel = name.removesuffix(past.SUFFIX)
+        shown: Any = one.predicted
+        for effect in model.changing.get(channel, ()):
+            if effect.remembers:
+                own = {p.name: parameters[effect.qualified(p)] for p in effect.parameters}
+                shown = effect.laws[channel]({channel: shown, name: one, **own})
+        found[channel] = np.asarray(shown)
+    return found
 
 
 def derivatives(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from typing import Any, Literal
 
 import numpy as np
@@ -47,6 +48,15 @@ class PredictedSeries:
         self.kept: dict[tuple[str, float, float, bool], tuple[Array, ...]] = {}
         #: Of each clock, how far before or after a sample the farthest lies that was asked for.
         self.reach: dict[str, float] = {}
+
+    def of(self, values: Array) -> PredictedSeries:
+        """Return another series of the same samples, in the order of time."""
+        other = copy(self)
+        other.values, other.kept, other.reach = values, {}, {}
+        other.curves = {
+            name: _curve(clock, self.first, self.last, values) for name, clock in self.clocks.items()
+        }
+        return other
 
     def _one_clock(self, clock: Array) -> Array:
         """Let the stretches follow one another."""
@@ -206,14 +216,21 @@ def _shares(step: Array) -> Array:
 class Past:
     """The series of a channel as some samples see it; taking some of these takes the whole series along.
 
-    `place` is which sample of the series each of them is, or between which.
+    `place` is which sample of the series each of them is, or between which. By a lag it changes as the
+    `steady` series does: that has no noise of the sample itself, which a residual has too.
     """
 
-    def __init__(self, series: PredictedSeries, place: Index | Array) -> None:
-        self.series, self.place = series, place
+    def __init__(
+        self, series: PredictedSeries, place: Index | Array, steady: PredictedSeries | None = None
+    ) -> None:
+        self.series, self.place, self.steady = series, place, steady or series
 
     def __getitem__(self, rows: Any) -> Past:
-        return Past(self.series, self.place[rows])
+        return Past(self.series, self.place[rows], self.steady)
+
+    def of(self, values: Array) -> Past:
+        """Return another series as these samples see it, in the order of time."""
+        return Past(self.series.of(values), self.place, self.steady)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -250,6 +267,8 @@ class Past:
         for (one, other), rows in each:
             if one or other or sloped:
                 parts = self.series.change(clock, float(one), float(other), sloped=sloped)
+                if sloped:
+                    parts = parts[:1] + self.steady.change(clock, float(one), float(other), sloped=True)[1:]
                 found[:, rows] = [self._here(part, rows) for part in parts]
         return chain(found[0], [(found[1], delay), (found[2], constant)]) if sloped else found[0]
 
@@ -266,18 +285,26 @@ def along(
     velocity: Array | None,
     predicted: Mapping[str, Array],
     measured: Mapping[str, Array] | None = None,
+    steady: Mapping[str, Array] | None = None,
 ) -> dict[str, Any]:
     """Return what laws call the past of predicted channels, of all samples of a wheel; time in s.
 
     Noise of the inputs is in a prediction too, and less of it where this is shifted or filtered, so that any
     lag would seem to help. It is taken off, unless what is `measured` changes from sample to sample as well.
+    Derivatives by a lag are of what is `steady`, by default of the same.
     """
     order = np.lexsort((time, stretch))
     if measured is not None and not _rough(stretch[order], order, predicted, measured):
-        predicted = {name: _smooth(time, stretch, order, one) for name, one in predicted.items()}
+        predicted = {name: smooth(time, stretch, one) for name, one in predicted.items()}
     clocks, place = _clocks(time, stretch, velocity, order), np.arange(len(time))
-    series = {name: PredictedSeries(clocks, stretch, one) for name, one in predicted.items()}
-    return {f"{name}{SUFFIX}": Past(one, place) for name, one in series.items()}
+
+    def series(values: Array) -> PredictedSeries:
+        return PredictedSeries(clocks, stretch, values)
+
+    return {
+        f"{name}{SUFFIX}": Past(series(one), place, series(steady[name]) if steady else None)
+        for name, one in predicted.items()
+    }
 
 
 def _clocks(time: Array, stretch: Index, velocity: Array | None, order: Index) -> dict[str, Array]:
@@ -328,7 +355,9 @@ def _rough(
     return False
 
 
-def _smooth(time: Array, stretch: Index, order: Index, values: Array) -> Array:
+def smooth(time: Array, stretch: Index, values: Array) -> Array:
+    """Return a channel without its noise, as far as its neighbours tell it."""
+    order = np.lexsort((time, stretch))
     found = np.empty(len(values))
     found[order] = level(time[order], stretch[order], values[order])
     return np.where(np.isfinite(found), found, values)

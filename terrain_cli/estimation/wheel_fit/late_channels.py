@@ -19,6 +19,7 @@ from terrain_cli.vocabulary.arrays import Array
 #: a parameter moves that is settled: the next time it moves by less than a tenth of that. A pull late by
 #: 0.4 s came out as 0.51, 0.39, 0.40; torque late by 0.3 s as 0.3016, 0.3007, 0.3008, with an error of 0.001.
 PASSES, _CLOSE = 6, 0.3
+_FARTHEST = 4.0  # Times the last move that a past is moved on at the most. Judged.
 #: Lags that are tried at the most, every 10 ms up to 2 s, which takes less time than a fit; and standard
 #: errors by which the best of them has to be better than none: of so many, one is by 3 by chance.
 _TRIED, _SURE = 400, 4.0
@@ -46,16 +47,16 @@ def behind(
     # What it left was no noise. A channel that its base does not predict has a lag all the same.
     none = nothing_late(found.model, {})
     near = replace(found, shared={**none, **found.shared, **lags}, noise=Noise())
+    before: Mapping[str, tuple[Past, Past]] = {}
     for number in range(PASSES):
         found = fitted(past, near)
-        values, before, errors = (
-            np.array([one[name] for name in found.shared])
-            for one in (found.shared, near.shared, found.shared_errors)
-        )
         # Behind a fit without the lags none is settled.
-        if number and settled(values - before, errors):
+        if number and settled(*_moved(found, near)):
             break
-        near, past = found, past_of(found)
+        near, to = found, past_of(found)
+        each = {name: (past[name], one) for name, one in to.items()}
+        past = {name: _onward(*before[name], *pair) if before else pair[1] for name, pair in each.items()}
+        before = each
     return whole(past, found) if whole else found
 
 
@@ -109,6 +110,29 @@ def _nearest(shown: Callable[[float], Array], measured: Array, parameter: Parame
 def settled(moved: Array, errors: Array) -> bool:
     """Tell whether no parameter moved by more than matters beside its standard error."""
     return bool(np.all(np.abs(moved) <= _CLOSE * errors))
+
+
+def _moved(found: Fit, near: Fit) -> tuple[Array, Array]:
+    """Return by how much parameters moved, those of windows by the root mean square of them, and errors."""
+    own = {name: (found.values[name] - near.values[name]) / found.errors[name] for name in found.values}
+    own = {name: one[np.isfinite(one)] for name, one in own.items()}
+    moved = [np.sqrt(np.mean(one**2)) for one in own.values() if len(one)]
+    every = [found.shared[name] - near.shared[name] for name in found.shared]
+    return np.array([*moved, *every]), np.array([*np.ones(len(moved)), *found.shared_errors.values()])
+
+
+def _onward(past: Past, to: Past, last: Past, lead: Past) -> Past:
+    """Return the past that leads to itself, from two, and what the fits behind them predict.
+
+    Where much of a channel is filtered away, a fit moves by no more than half of what is left to move
+    (Anderson 1965, Journal of the ACM 12, 547, with one step remembered).
+    """
+    first, after, second, ahead = (one.series.values for one in (past, to, last, lead))
+    off = ahead - second
+    change = off - (after - first)
+    power = float(change @ change)
+    share = -float(off @ change) / power if power > 0.0 else 0.0
+    return lead.of(ahead + np.clip(share, 0.0, _FARTHEST) * (ahead - after))
 
 
 def nothing_late(model: Model, channels: Mapping[str, Any]) -> dict[str, float]:
