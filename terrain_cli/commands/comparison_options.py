@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from formats import Source
-    from terrain_cli.estimation.estimators import EstimateRequest
+    from terrain_cli.estimation.estimate_request import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.presentation.terminal import Progress
     from terrain_cli.telemetry import Samples
@@ -173,7 +173,7 @@ def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> 
     """Return what `estimate` is asked for the segments of a comparison."""
     from terrain_cli.comparison.compare import needed_segments
     from terrain_cli.estimation import estimators
-    from terrain_cli.estimation.estimators import EstimateRequest
+    from terrain_cli.estimation.estimate_request import EstimateRequest
 
     # Before the work, not after it.
     estimators.choose("auto", file, robust=given["robust"])

@@ -49,7 +49,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     "report"; where that is missing, the command says how to add it.
     """
     from terrain_cli import models
-    from terrain_cli.estimation.estimators import estimate_beside
+    from terrain_cli.estimation.estimate_request import estimate_beside
     from terrain_cli.improvement import compared
     from terrain_cli.improvement.change_trial import alternatives
     from terrain_cli.processes import cores, jobs

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation import WindowEstimates, estimators
-from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.estimate_request import EstimateRequest
+from terrain_cli.estimation.fit_account import CommonParameters
 from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile, Refused, refused
@@ -243,10 +244,11 @@ def place_of(samples: Samples, row: int) -> str:
 
 
 class Soils(NamedTuple):
-    """The segments of a wheel, and their soils."""
+    """The segments of a wheel, their soils, and what these share."""
 
     segments: Windows
     estimates: WindowEstimates
+    common: CommonParameters  # What all of them share, effects above all
 
     def on(self, cut: Windows) -> Self:
         """Return the soils of the segments of another cut, of which one may be that of several."""
@@ -255,7 +257,9 @@ class Soils(NamedTuple):
         place = np.searchsorted(soils.rows[order], cut.rows[cut.bounds[:-1]])
         soil = np.searchsorted(soils.bounds, order[np.minimum(place, len(order) - 1)], side="right") - 1
         columns = {f.name: getattr(self.estimates, f.name)[soil] for f in fields(WindowEstimates)}
-        return type(self)(cut, replace(self.estimates, **columns | {"n": np.diff(cut.bounds)}))
+        return self._replace(
+            segments=cut, estimates=replace(self.estimates, **columns | {"n": np.diff(cut.bounds)})
+        )
 
 
 def segment_soils(comparison: Comparison) -> list[Soils]:
@@ -264,7 +268,13 @@ def segment_soils(comparison: Comparison) -> list[Soils]:
     if asked is None:
         return [_own(wheel, wheel.segments, None) for wheel in comparison.wheels]
     return [
-        Soils(cut.taken(slice(None), found[0]), found[1]) if found else _own(wheel, cut, asked.stress)
+        Soils(
+            cut.taken(slice(None), found.bounds),
+            found.windows,
+            found.common or CommonParameters.of(wheel.fit),
+        )
+        if found
+        else _own(wheel, cut, asked.stress)
         for wheel, cut, found in zip(comparison.wheels, asked.wheels, asked.estimates, strict=True)
     ]
 
@@ -273,7 +283,8 @@ def _own(wheel: WheelComparison, cut: Windows, stress: float | None) -> Soils:
     windows = wheel.windows
     nothing = np.full(len(windows), np.nan)
     line = WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
-    return Soils(windows, estimators.of_fit(wheel.fit, line, windows, stress)).on(cut)
+    estimates = estimators.of_fit(wheel.fit, line, windows, stress)
+    return Soils(windows, estimates, CommonParameters.of(wheel.fit)).on(cut)
 
 
 def with_refused(comparison: Comparison, file: ModelFile, wheels: Sequence[Windows]) -> Comparison:

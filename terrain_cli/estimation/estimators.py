@@ -2,18 +2,18 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from terrain_cli import effects, estimation, models, processes
+from terrain_cli import estimation, models
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import WindowEstimates, fit_account, prediction, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
-from terrain_cli.estimation.fit_account import account
+from terrain_cli.estimation.fit_account import CommonParameters, account
 from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_rivals, with_stated_errors
 from terrain_cli.estimation.joint_grid import JointPosterior
 from terrain_cli.estimation.strength import stress_of_all, with_strengths
@@ -24,7 +24,7 @@ from terrain_cli.models import ModelFile
 from terrain_cli.rover import NOISY, SensorNoise
 from terrain_cli.telemetry import Samples
 from terrain_cli.telemetry.wheel_samples import Geometry
-from terrain_cli.vocabulary.arrays import Array, Bounds
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LineMethod, Method
 from terrain_cli.windows.cut_windows import Windows
 
@@ -35,7 +35,7 @@ _MOST = 4_000
 _MOST_WINDOWS = 100_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fitted:
     """Estimates of the windows of a wheel, and what they were made with."""
 
@@ -45,6 +45,7 @@ class Fitted:
     account: dict[str, Any] | None = None
     joint: list[JointPosterior] = field(default_factory=list)  # Of the windows of which it was asked for
     noise: Noise | None = None  # Of the full model: where a fit of more of these samples may begin
+    common: CommonParameters | None = None  # Likewise of the full model
 
 
 def common_stress(stress: float | None, estimates: WindowEstimates) -> float | None:
@@ -128,10 +129,10 @@ def estimate(
 ) -> Fitted:
     """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
-    Strengths of all windows are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows,
-    evenly spread, the joint posterior of c and φ is found as well. Learning the noise begins where it has
-    `begun`: with that of a fit of most of these samples. Where the model misses windows that were cut where
-    the soil seems to change, `needed` says which of the cuts it needs (`comparison.needed_segments`).
+    Strengths are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows, evenly spread,
+    c and φ have their joint posterior. Learning the noise begins where a fit of most of these samples has
+    `begun`. Where the model misses windows, or cuts where the soil seems to change leave an effect open,
+    `needed` says which of these cuts it needs (`comparison.needed_segments`).
     """
     if (
         file is not None
@@ -150,7 +151,7 @@ def estimate(
     if file is None:
         driving = windows.on_line()
         line = with_strengths(with_assumptions(line, driving, of_line), driving, at_stress)
-        return Fitted(windows, line, joint=fit_account.of_line(line, asked))
+        return Fitted(windows=windows, estimates=line, joint=fit_account.of_line(line, asked))
     own, whole, windows = file, windows, windows.thinned(_MOST)
     rivals = models.rivals(file)
     file, beside = with_rivals(with_contact(file), windows, rivals)
@@ -169,7 +170,9 @@ def estimate(
 
     passes = (partial(fitted, errors=False), fitted) if file.model.remembers else (fitted, None)
     fit = behind(passes[0], past_of, channels, held, passes[1])
-    if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
+    # An effect that cut the drive into soils is in what these differ by.
+    hidden = any(fit.undetermined[name].all() for name in own.model.parameters if name in fit.shared)
+    if needed is not None and whole.by_soil and len(whole) > 1 and (fit.missed.any() or hidden):
         fewer = needed(whole, own)
         if len(fewer) < len(whole):
             return estimate(
@@ -185,11 +188,16 @@ def estimate(
             )
     remarks = windows.samples.remarks
     remarks += [text for text in fit.impossible(held) if text not in remarks]
-    estimates = of_fit(fit, line, whole, at_stress)
-    posteriors = fit_account.of_fit(fit, file, asked)
     told = account(windows, file, fit, held, because)
     told["rivals"] = [rival.id for rival in rivals if rival in file.model.effects]
-    return Fitted(whole, estimates, told, posteriors, fit.noise)
+    return Fitted(
+        windows=whole,
+        estimates=of_fit(fit, line, whole, at_stress),
+        account=told,
+        joint=fit_account.of_fit(fit, file, asked),
+        noise=fit.noise,
+        common=CommonParameters.of(fit),
+    )
 
 
 def _channels(windows: Windows) -> dict[str, Array]:
@@ -331,65 +339,3 @@ def of_fit(
     told = {"c": c, "c_se": c, "phi": phi, "phi_se": phi, "corr": c & phi}
     left = {name: np.where(there, getattr(estimates, name), np.nan) for name, there in told.items()}
     return replace(estimates, **left)
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimateRequest:
-    """Windows, a model, and the options of `estimate`."""
-
-    wheels: Sequence[Windows]  # As they were cut: neither joined nor thinned
-    file: ModelFile  # Of which the line is estimated where it is plain
-    min_samples: int | None = None  # min_samples, folds, robust: as for `estimators.estimate`
-    folds: int | None = None
-    robust: bool = False
-    at_stress: float | None = None  # In kPa
-    needed: Callable[[Windows, ModelFile], Windows] | None = None  # As for `estimators.estimate`
-
-    @cached_property
-    def estimates(self) -> list[tuple[Bounds, WindowEstimates] | None]:
-        """Of each wheel, with the bounds of its windows, of which cuts may have been taken back.
-
-        None without torque or sinkage, where `estimate` has no answer.
-        """
-        file = choose("auto", self.file, robust=self.robust)
-        stress = self.stress
-        found: list[tuple[Bounds, WindowEstimates] | None] = []
-        for windows in self.wheels:
-            if not windows.lined:
-                found.append(None)
-                continue
-            fitted = estimate(
-                windows,
-                "auto",
-                file,
-                min_samples=self.min_samples,
-                folds=self.folds,
-                robust=self.robust,
-                at_stress=stress,
-                needed=self.needed,
-            )
-            stress = common_stress(stress, fitted.estimates)
-            found.append((fitted.windows.bounds, fitted.estimates))
-        return found
-
-    @property
-    def stress(self) -> float | None:
-        """`at_stress` in Pa."""
-        return None if self.at_stress is None else 1e3 * self.at_stress
-
-
-def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[tuple[Bounds, WindowEstimates] | None]]:
-    return [one.estimates for one in asked]
-
-
-def estimate_beside(asked: Sequence[EstimateRequest]) -> Callable[[], None]:
-    """Begin to estimate in another process; return what waits for it, and then has the requests answered."""
-    # Both processes need the catalogue, which is read before there are two.
-    effects.catalogue()
-    waited = processes.beside(partial(estimates_of, asked))
-
-    def answer() -> None:
-        for one, found in zip(asked, waited(), strict=True):
-            vars(one)["estimates"] = found
-
-    return answer

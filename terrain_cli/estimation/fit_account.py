@@ -1,7 +1,7 @@
 """What a fit tells beside the table: what it was made with, and all parameters of a window together."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -22,6 +22,24 @@ _SHOWN = (
 #: Quantities whose laws say of what c and φ are the values: of which speed, stress or pass.
 _OF_STRENGTH = {"cohesion", "tan_phi", "shear_stress"}
 _PAIR, _UNITS = ("cohesion", "tan_phi"), ("Pa", "1")
+
+
+class CommonParameters(NamedTuple):
+    """Parameters with one value for all windows of a wheel, and what the data leave open; SI."""
+
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    open_samples: Mapping[str, int]  # Samples in whose window the data leave a parameter open, its own too
+    samples: int
+
+    @classmethod
+    def of(cls, fit: Fit) -> Self:
+        left = {name: int(fit.n[there].sum()) for name, there in fit.undetermined.items()}
+        return cls(fit.shared, fit.shared_errors, left, int(fit.n.sum()))
+
+    def determined(self, name: str) -> bool:
+        """Tell whether the data determine a parameter in any window."""
+        return self.open_samples.get(name, 0) < self.samples
 
 
 def account(

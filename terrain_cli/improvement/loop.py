@@ -8,7 +8,7 @@ from terrain_cli import models
 from terrain_cli.comparison import Comparison, kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, UnknownEffect
 from terrain_cli.diagnosis.evidence import Evidence
-from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.estimate_request import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Action, Step, Stopped

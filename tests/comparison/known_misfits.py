@@ -28,7 +28,8 @@ from simulator import (
 
 from formats import Labels
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
-from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
+from terrain_cli.estimation.estimate_request import EstimateRequest
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.models import ModelFile
 from terrain_cli.telemetry.wheel_samples import Geometry, Samples
 from terrain_cli.windows.cut_windows import cut
