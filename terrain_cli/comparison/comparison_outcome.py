@@ -177,13 +177,16 @@ class Comparison:
         end = math.inf if first.until is None and steps else first.until
         return None if end is None else (first.at or 0.0, end)
 
-    @property
-    def limited(self) -> list[tuple[Any, ...]]:
-        """What was fitted to each wheel, as `Effect.imitations` holds it against what nature bounds."""
+    def limited(self, several: Sequence[CommonParameters] = ()) -> list[tuple[Any, ...]]:
+        """Return what was found of each wheel, as `Effect.imitations` holds it against what nature bounds.
+
+        By default that is what was fitted here.
+        """
         found: list[tuple[Any, ...]] = []
-        for one in self.wheels:
+        each = several or [CommonParameters.of(one.fit) for one in self.wheels]
+        for one, common in zip(self.wheels, each, strict=True):
             used = {name: column[one.windows.rows] for name, column in one.samples.channels.items()}
-            found.append((one.fit.shared, one.fit.shared_covariance, used, one.fit.under))
+            found.append((common.values, common.covariance, used, one.fit.under))
         return found
 
     @property

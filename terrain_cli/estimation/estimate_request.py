@@ -9,6 +9,7 @@ from terrain_cli import effects, processes
 from terrain_cli.estimation import WindowEstimates
 from terrain_cli.estimation.estimators import choose, common_stress, estimate
 from terrain_cli.estimation.fit_account import CommonParameters
+from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.arrays import Bounds
 from terrain_cli.windows.cut_windows import Windows
@@ -32,7 +33,7 @@ class EstimateRequest:
     folds: int | None = None
     robust: bool = False
     at_stress: float | None = None  # In kPa
-    needed: Callable[[Windows, ModelFile], Windows] | None = None  # As for `estimators.estimate`
+    needed: Callable[[Windows, ModelFile, Fit], Windows] | None = None  # As for `estimators.estimate`
 
     @cached_property
     def estimates(self) -> list[WheelEstimates | None]:

@@ -125,14 +125,14 @@ def estimate(
     at_stress: float | None = None,
     joint: int = 0,
     begun: Noise | None = None,
-    needed: Callable[[Windows, ModelFile], Windows] | None = None,
+    needed: Callable[[Windows, ModelFile, Fit], Windows] | None = None,
 ) -> Fitted:
     """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
     Strengths are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows, evenly spread,
     c and φ have their joint posterior. Learning the noise begins where a fit of most of these samples has
-    `begun`. Where the model misses windows, or cuts where the soil seems to change leave an effect open,
-    `needed` says which of these cuts it needs (`comparison.needed_segments`).
+    `begun`. Where a model with effects, or one that misses windows, may not need cuts where the soil seems to
+    change, `needed` says which it does (`comparison.needed_segments`).
     """
     if (
         file is not None
@@ -170,10 +170,10 @@ def estimate(
 
     passes = (partial(fitted, errors=False), fitted) if file.model.remembers else (fitted, None)
     fit = behind(passes[0], past_of, channels, held, passes[1])
-    # An effect that cut the drive into soils is in what these differ by.
-    hidden = any(fit.undetermined[name].all() for name in own.model.parameters if name in fit.shared)
-    if needed is not None and whole.by_soil and len(whole) > 1 and (fit.missed.any() or hidden):
-        fewer = needed(whole, own)
+    # What was cut without the effects may be one soil with them.
+    doubtful = whole.by_soil and len(whole) > 1 and (bool(own.model.effects) or fit.missed.any())
+    if needed is not None and doubtful:
+        fewer = needed(whole, own, fit)
         if len(fewer) < len(whole):
             return estimate(
                 fewer,

@@ -10,6 +10,7 @@ from terrain_cli.estimation.joint_grid import Frame, JointPosterior
 from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.estimation.wheel_fit.unknowns import POSITIVE
 from terrain_cli.models import ModelFile
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.windows.cut_windows import Windows
 
@@ -29,13 +30,14 @@ class CommonParameters(NamedTuple):
 
     values: Mapping[str, float]
     errors: Mapping[str, float]
+    covariance: Array  # Shape (q, q), in the order of `values`
     open_samples: Mapping[str, int]  # Samples in whose window the data leave a parameter open, its own too
     samples: int
 
     @classmethod
     def of(cls, fit: Fit) -> Self:
         left = {name: int(fit.n[there].sum()) for name, there in fit.undetermined.items()}
-        return cls(fit.shared, fit.shared_errors, left, int(fit.n.sum()))
+        return cls(fit.shared, fit.shared_errors, fit.shared_covariance, left, int(fit.n.sum()))
 
     def determined(self, name: str) -> bool:
         """Tell whether the data determine a parameter in any window."""

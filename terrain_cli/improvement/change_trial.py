@@ -276,8 +276,9 @@ def remark(own: Parameter | None, value: float, *, determined: bool, has_usual_s
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
     """Return the parameters of some effects that are where nature has none, or their sums."""
     every = file.model.effects
+    limited = comparison.limited([soils.common for soils in segment_soils(comparison)])
     for effect in (one for one in every if not one.made_up_by(every)):
-        found = effect.imitations(comparison.limited, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
+        found = effect.imitations(limited, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
         for place, names, value, error in found if effect.id in changed else ():
             yield _estimated(comparison.wheels[place], file, names, value, error)
 
@@ -288,20 +289,20 @@ def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> 
     if any(name.partition(".")[0] in changed and file.fixed[name] != null for name, null in held.items()):
         return np.nan
     squares, count = 0.0, 0
-    for wheel in comparison.wheels:
-        fit, known = wheel.fit, wheel.fit.model.parameters
-        error = np.sqrt(np.diagonal(fit.shared_covariance))
+    for _, _, common in segment_soils(comparison):
+        known = file.model.parameters
+        error = np.sqrt(np.diagonal(common.covariance))
         chosen = [
             k
-            for k, name in enumerate(fit.shared)
+            for k, name in enumerate(common.values)
             if name.partition(".")[0] in changed
             and name in known
             and not known[name].shape
             and error[k] > 0.0
         ]
-        values = list(fit.shared.items())
+        values = list(common.values.items())
         away = np.array([values[k][1] - known[values[k][0]].null for k in chosen]) / error[chosen]
-        related = fit.shared_covariance[np.ix_(chosen, chosen)] / np.outer(error[chosen], error[chosen])
+        related = common.covariance[np.ix_(chosen, chosen)] / np.outer(error[chosen], error[chosen])
         squares += float(away @ np.linalg.pinv(related, hermitian=True) @ away) if chosen else 0.0
         count += len(chosen)
     return distributions.chi_squared_tail(squares, count) if count else np.nan

@@ -7,7 +7,7 @@ from changed_models import write_all
 
 from terrain_cli import effects, models, rover, telemetry
 from terrain_cli.comparison.blocks import Interval
-from terrain_cli.estimation import estimators
+from terrain_cli.estimation import estimate_request
 from terrain_cli.improvement import change_trial
 from terrain_cli.improvement.change_trial import remark, tried
 from terrain_cli.windows import cut_windows
@@ -52,9 +52,9 @@ def test_another_process_estimates_the_segments_of_both_models(tmp_path, monkeyp
     (samples,) = telemetry.read(str(tmp_path / "sinks.csv"), rover.load(tmp_path / "rover.toml"), effects=[])
     before = models.resolve("wong-reece")
     after = models.added(before, ["slip-sinkage"], samples.geometry.shear_modulus).file
-    estimate, made = estimators.estimate, []
+    estimate, made = estimate_request.estimate, []
     monkeypatch.setattr(
-        estimators, "estimate", lambda *given, **options: made.append(1) or estimate(*given, **options)
+        estimate_request, "estimate", lambda *given, **options: made.append(1) or estimate(*given, **options)
     )
     change = [cut_windows.cut(samples, "none")], "add", ["slip-sinkage"], before, after
     elsewhere = tried(*change, beside=True)
