@@ -289,20 +289,21 @@ def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> 
     if any(name.partition(".")[0] in changed and file.fixed[name] != null for name, null in held.items()):
         return np.nan
     squares, count = 0.0, 0
-    for _, _, common in segment_soils(comparison):
-        known = file.model.parameters
-        error = np.sqrt(np.diagonal(common.covariance))
+    # On the soils that are judged: where somebody asked for cuts, each soil may stand for an effect.
+    for wheel in comparison.wheels:
+        fit, known = wheel.fit, wheel.fit.model.parameters
+        error = np.sqrt(np.diagonal(fit.shared_covariance))
         chosen = [
             k
-            for k, name in enumerate(common.values)
+            for k, name in enumerate(fit.shared)
             if name.partition(".")[0] in changed
             and name in known
             and not known[name].shape
             and error[k] > 0.0
         ]
-        values = list(common.values.items())
+        values = list(fit.shared.items())
         away = np.array([values[k][1] - known[values[k][0]].null for k in chosen]) / error[chosen]
-        related = common.covariance[np.ix_(chosen, chosen)] / np.outer(error[chosen], error[chosen])
+        related = fit.shared_covariance[np.ix_(chosen, chosen)] / np.outer(error[chosen], error[chosen])
         squares += float(away @ np.linalg.pinv(related, hermitian=True) @ away) if chosen else 0.0
         count += len(chosen)
     return distributions.chi_squared_tail(squares, count) if count else np.nan
