@@ -106,6 +106,18 @@ class TestRightEffect:
         for name, errors in compared["channels"].items():
             assert added["channels"][name]["noise"] == pytest.approx(errors["noise"], rel=0.02)
 
+    def test_parameters_are_those_of_every_verb(self, added, here, terrain_est_here):
+        for_model = ("sinks.csv", "--model", "model.toml", *CUT)
+        compared = json.loads(terrain_est_here("compare", *for_model, "--json", cwd=here).stdout)
+        terrain_est_here("estimate", *for_model, "--csv", "--summary", "soil.json", cwd=here)
+        (of_input,) = json.loads((here / "soil.json").read_text("utf-8"))["inputs"]
+        estimated = of_input["wheels"][0]["model"]["parameters"]
+        (entry,) = models.load("model.toml").history
+        for table in (compared["parameters"][0], estimated, entry["parameters"]):
+            for one in added["parameters"]:
+                known = table[one["name"]]["value"], table[one["name"]]["se"]
+                assert known == pytest.approx((one["value"], one["se"]), rel=1e-5)
+
     def test_parameter_and_shift_of_the_soil(self, added):
         n1 = added["parameters"][0]
         assert (n1["name"], n1["unit"], n1["determined"]) == ("slip-sinkage.n1", "1", True)

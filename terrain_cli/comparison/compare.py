@@ -21,6 +21,7 @@ from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.smoothed_channels import INTERPOLATED
 from terrain_cli.estimation.estimators import FitSettings
+from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.mechanics.effect import CERTAIN
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
@@ -48,14 +49,27 @@ def on_few_soils(
     return fitted, [*warnings, *joined]
 
 
-def needed_segments(windows: Windows, file: ModelFile) -> Windows:
-    """Take the cuts of a wheel back where one soil for each terrain predicts as well as their soils do."""
+def needed_segments(windows: Windows, file: ModelFile, fit: Fit | None = None) -> Windows:
+    """Take the cuts of a wheel back where one soil for each terrain predicts as well as their soils do.
+
+    Soils that differ plainly, by a `fit` that misses none, are not looked at further.
+    """
+    if fit is not None and not fit.missed.any() and _differ(fit):
+        return windows
     (fitted,), told = on_few_soils([windows], file.model, FitSettings.of([windows], file))
     if len(fitted.windows) == len(windows):
         return windows
     remarks = windows.samples.remarks
     remarks += [one for one in told[-1:] if one not in remarks]
     return unbroken(windows)
+
+
+def _differ(fit: Fit) -> bool:
+    """Tell whether a property of the soil differs between neighbours by clearly more than its errors."""
+    return any(
+        bool(np.any(np.abs(np.diff(own)) > criteria.MOVED * np.hypot(error[1:], error[:-1])))
+        for own, error in ((fit.values[name], fit.errors[name]) for name in fit.values)
+    )
 
 
 def fit_wheels(

@@ -51,7 +51,10 @@ AS_GOOD = criterion(
     "a model within this distance is as good as the other; so is one soil instead of several, and a wider "
     "gap between samples and the neighbours they are interpolated from",
 )
-MOVED = criterion(3.0, "c, φ or a parameter has moved between two models if it differs by more")
+MOVED = criterion(
+    3.0,
+    "c, φ or a parameter has moved between two models, or differs between two soils, if it is off by more",
+)
 ANSWERS_TO_LOAD = criterion(4.0, "test points calibrate the load only if they respond to it by more")
 
 """When is a result too rare to be chance?

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.fit_account import CommonParameters
 from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile, Refused, refused
@@ -176,13 +177,16 @@ class Comparison:
         end = math.inf if first.until is None and steps else first.until
         return None if end is None else (first.at or 0.0, end)
 
-    @property
-    def limited(self) -> list[tuple[Any, ...]]:
-        """What was fitted to each wheel, as `Effect.imitations` holds it against what nature bounds."""
+    def limited(self, several: Sequence[CommonParameters] = ()) -> list[tuple[Any, ...]]:
+        """Return what was found of each wheel, as `Effect.imitations` holds it against what nature bounds.
+
+        By default that is what was fitted here.
+        """
         found: list[tuple[Any, ...]] = []
-        for one in self.wheels:
+        each = several or [CommonParameters.of(one.fit) for one in self.wheels]
+        for one, common in zip(self.wheels, each, strict=True):
             used = {name: column[one.windows.rows] for name, column in one.samples.channels.items()}
-            found.append((one.fit.shared, one.fit.shared_covariance, used, one.fit.under))
+            found.append((common.values, common.covariance, used, one.fit.under))
         return found
 
     @property
@@ -243,10 +247,11 @@ def place_of(samples: Samples, row: int) -> str:
 
 
 class Soils(NamedTuple):
-    """The segments of a wheel, and their soils."""
+    """The segments of a wheel, their soils, and what these share."""
 
     segments: Windows
     estimates: WindowEstimates
+    common: CommonParameters  # What all of them share, effects above all
 
     def on(self, cut: Windows) -> Self:
         """Return the soils of the segments of another cut, of which one may be that of several."""
@@ -255,7 +260,9 @@ class Soils(NamedTuple):
         place = np.searchsorted(soils.rows[order], cut.rows[cut.bounds[:-1]])
         soil = np.searchsorted(soils.bounds, order[np.minimum(place, len(order) - 1)], side="right") - 1
         columns = {f.name: getattr(self.estimates, f.name)[soil] for f in fields(WindowEstimates)}
-        return type(self)(cut, replace(self.estimates, **columns | {"n": np.diff(cut.bounds)}))
+        return self._replace(
+            segments=cut, estimates=replace(self.estimates, **columns | {"n": np.diff(cut.bounds)})
+        )
 
 
 def segment_soils(comparison: Comparison) -> list[Soils]:
@@ -265,7 +272,13 @@ def segment_soils(comparison: Comparison) -> list[Soils]:
         return [_own(wheel, wheel.segments, None) for wheel in comparison.wheels]
     stress = asked.options.at_stress
     return [
-        Soils(cut.taken(slice(None), found[0]), found[1]) if found else _own(wheel, cut, stress)
+        Soils(
+            cut.taken(slice(None), found.bounds),
+            found.windows,
+            found.common or CommonParameters.of(wheel.fit),
+        )
+        if found
+        else _own(wheel, cut, stress)
         for wheel, cut, found in zip(comparison.wheels, asked.wheels, asked.estimates, strict=True)
     ]
 
@@ -274,7 +287,8 @@ def _own(wheel: WheelComparison, cut: Windows, stress: float | None) -> Soils:
     windows = wheel.windows
     nothing = np.full(len(windows), np.nan)
     line = WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
-    return Soils(windows, estimators.of_fit(wheel.fit, line, windows, stress)).on(cut)
+    estimates = estimators.of_fit(wheel.fit, line, windows, stress)
+    return Soils(windows, estimates, CommonParameters.of(wheel.fit)).on(cut)
 
 
 def with_refused(comparison: Comparison, file: ModelFile, wheels: Sequence[Windows]) -> Comparison:

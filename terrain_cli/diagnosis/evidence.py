@@ -237,7 +237,7 @@ def _beyond(comparison: Comparison) -> dict[str, str]:
     }
     every = comparison.wheels[0].model.effects if comparison.model["effects"] else ()
     for effect in (one for one in every if not one.made_up_by(every)):
-        for _, names, value, _ in effect.imitations(comparison.limited, CERTAIN, criteria.DRAFT_LEFT):
+        for _, names, value, _ in effect.imitations(comparison.limited(), CERTAIN, criteria.DRAFT_LEFT):
             own = next(one for one in effect.parameters if effect.qualified(one) == names[0])
             found[effect.id] = f"{' + '.join(names)} = {_size(own, value)}, which is physically impossible"
     return found

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from terrain_cli import effects, estimation, models, processes
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation import WindowEstimates, fit_account, prediction, wheel_fit
 from terrain_cli.estimation.assumed import with_assumptions
-from terrain_cli.estimation.fit_account import account
+from terrain_cli.estimation.fit_account import CommonParameters, account
 from terrain_cli.estimation.further_unknowns import suspects, with_contact, with_rivals, with_stated_errors
 from terrain_cli.estimation.joint_grid import JointPosterior
 from terrain_cli.estimation.strength import stress_of_all, with_strengths
@@ -35,7 +35,7 @@ _MOST = 4_000
 _MOST_WINDOWS = 100_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fitted:
     """Estimates of the windows of a wheel, and what they were made with."""
 
@@ -45,6 +45,7 @@ class Fitted:
     account: dict[str, Any] | None = None
     joint: list[JointPosterior] = field(default_factory=list)  # Of the windows of which it was asked for
     noise: Noise | None = None  # Of the full model: where a fit of more of these samples may begin
+    common: CommonParameters | None = None  # Likewise of the full model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,14 +131,13 @@ def estimate(
     *,
     joint: int = 0,
     begun: Noise | None = None,
-    needed: Callable[[Windows, ModelFile], Windows] | None = None,
+    needed: Callable[[Windows, ModelFile, Fit], Windows] | None = None,
 ) -> Fitted:
     """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
-    Of `joint` windows, evenly spread, the joint posterior of c and φ is found as well. Learning the noise
-    begins where it has `begun`: with that of a fit of most of these samples. Where the model misses windows
-    that were cut where the soil seems to change, `needed` says which of the cuts it needs
-    (`comparison.needed_segments`).
+    Of `joint` windows, evenly spread, c and φ have their joint posterior. Learning the noise begins where a
+    fit of most of these samples has `begun`. Where a model with effects, or one that misses windows, may not
+    need cuts where the soil seems to change, `needed` says which it does (`comparison.needed_segments`).
     """
     if (
         file is not None
@@ -156,7 +156,7 @@ def estimate(
     if file is None:
         driving = windows.on_line()
         line = with_strengths(with_assumptions(line, driving, of_line), driving, options.at_stress)
-        return Fitted(windows, line, joint=fit_account.of_line(line, asked))
+        return Fitted(windows=windows, estimates=line, joint=fit_account.of_line(line, asked))
     own, whole, windows = file, windows, windows.thinned(_MOST)
     rivals = models.rivals(file)
     file, beside = with_rivals(with_contact(file), windows, rivals)
@@ -174,17 +174,24 @@ def estimate(
 
     passes = (partial(fitted, errors=False), fitted) if file.model.remembers else (fitted, None)
     fit = behind(passes[0], past_of, channels, held, passes[1])
-    if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
-        fewer = needed(whole, own)
+    # What was cut without the effects may be one soil with them.
+    doubtful = whole.by_soil and len(whole) > 1 and (bool(own.model.effects) or fit.missed.any())
+    if needed is not None and doubtful:
+        fewer = needed(whole, own, fit)
         if len(fewer) < len(whole):
             return estimate(fewer, method, own, options, joint=joint, begun=begun)
     remarks = windows.samples.remarks
     remarks += [text for text in fit.impossible(held) if text not in remarks]
-    estimates = of_fit(fit, line, whole, options.at_stress)
-    posteriors = fit_account.of_fit(fit, file, asked)
     told = account(windows, file, fit, held, because)
     told["rivals"] = [rival.id for rival in rivals if rival in file.model.effects]
-    return Fitted(whole, estimates, told, posteriors, fit.noise)
+    return Fitted(
+        windows=whole,
+        estimates=of_fit(fit, line, whole, options.at_stress),
+        account=told,
+        joint=fit_account.of_fit(fit, file, asked),
+        noise=fit.noise,
+        common=CommonParameters.of(fit),
+    )
 
 
 def estimate_each(
@@ -194,7 +201,7 @@ def estimate_each(
     options: FitOptions,
     *,
     joint: int = 0,
-    needed: Callable[[Windows, ModelFile], Windows] | None = None,
+    needed: Callable[[Windows, ModelFile, Fit], Windows] | None = None,
 ) -> Iterator[Fitted]:
     """Estimate the soil of one wheel after another, all at one stress; see `estimate`."""
     for windows in wheels:
@@ -343,6 +350,14 @@ def of_fit(
     return replace(estimates, **left)
 
 
+class WheelEstimates(NamedTuple):
+    """What `estimate` says of a wheel."""
+
+    bounds: Bounds  # Of its windows, of which cuts may have been taken back
+    windows: WindowEstimates
+    common: CommonParameters | None  # None for the line
+
+
 @dataclass(frozen=True, kw_only=True)
 class EstimateRequest:
     """Windows, a model, and the options of `estimate`."""
@@ -350,22 +365,19 @@ class EstimateRequest:
     wheels: Sequence[Windows]  # As they were cut: neither joined nor thinned
     file: ModelFile  # Of which the line is estimated where it is plain
     options: FitOptions = _USUAL
-    needed: Callable[[Windows, ModelFile], Windows] | None = None  # As for `estimators.estimate`
+    needed: Callable[[Windows, ModelFile, Fit], Windows] | None = None  # As for `estimators.estimate`
 
     @cached_property
-    def estimates(self) -> list[tuple[Bounds, WindowEstimates] | None]:
-        """Of each wheel, with the bounds of its windows, of which cuts may have been taken back.
-
-        None without torque or sinkage, where `estimate` has no answer.
-        """
+    def estimates(self) -> list[WheelEstimates | None]:
+        """Of each wheel; None without torque or sinkage, where `estimate` has no answer."""
         file = choose("auto", self.file, robust=self.options.robust)
         lined = [windows for windows in self.wheels if windows.lined]
         each = estimate_each(lined, "auto", file, self.options, needed=self.needed)
-        found = ((fitted.windows.bounds, fitted.estimates) for fitted in each)
+        found = (WheelEstimates(one.windows.bounds, one.estimates, one.common) for one in each)
         return [next(found) if windows.lined else None for windows in self.wheels]
 
 
-def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[tuple[Bounds, WindowEstimates] | None]]:
+def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[WheelEstimates | None]]:
     return [one.estimates for one in asked]
 
 

@@ -1,7 +1,7 @@
 """What a fit tells beside the table: what it was made with, and all parameters of a window together."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from terrain_cli.estimation.joint_grid import Frame, JointPosterior
 from terrain_cli.estimation.wheel_fit import Fit
 from terrain_cli.estimation.wheel_fit.unknowns import POSITIVE
 from terrain_cli.models import ModelFile
+from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.windows.cut_windows import Windows
 
@@ -22,6 +23,25 @@ _SHOWN = (
 #: Quantities whose laws say of what c and φ are the values: of which speed, stress or pass.
 _OF_STRENGTH = {"cohesion", "tan_phi", "shear_stress"}
 _PAIR, _UNITS = ("cohesion", "tan_phi"), ("Pa", "1")
+
+
+class CommonParameters(NamedTuple):
+    """Parameters with one value for all windows of a wheel, and what the data leave open; SI."""
+
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    covariance: Array  # Shape (q, q), in the order of `values`
+    open_samples: Mapping[str, int]  # Samples in whose window the data leave a parameter open, its own too
+    samples: int
+
+    @classmethod
+    def of(cls, fit: Fit) -> Self:
+        left = {name: int(fit.n[there].sum()) for name, there in fit.undetermined.items()}
+        return cls(fit.shared, fit.shared_errors, fit.shared_covariance, left, int(fit.n.sum()))
+
+    def determined(self, name: str) -> bool:
+        """Tell whether the data determine a parameter in any window."""
+        return self.open_samples.get(name, 0) < self.samples
 
 
 def account(

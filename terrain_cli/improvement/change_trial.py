@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli import models, processes
 from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
 from terrain_cli.comparison.compare import needed_segments, of_fitted, on_few_soils
-from terrain_cli.comparison.comparison_outcome import Soils, WheelComparison, with_refused
+from terrain_cli.comparison.comparison_outcome import Soils, WheelComparison, segment_soils, with_refused
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.comparison.two_models import between_soils, paired_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
@@ -157,7 +157,6 @@ def tried(
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, [one.segments for one, _ in pairs])
     channels, evidence = weigh(first, second, compared_after)
-    open_before = _open(first)
     return Step(
         action=action,
         changed=tuple(changed),
@@ -171,7 +170,7 @@ def tried(
         evidence=evidence,
         parameters=list(_parameters(second, after, changed)),
         shifts=[_shift(name, differences, places) for name in ("c", "phi")],
-        undetermined=tuple(name for name, n in _open(second).items() if n > open_before.get(name, 0)),
+        undetermined=tuple(name for name, n in _open(second).items() if n > _open(first).get(name, 0)),
         lost=list(_lost(pairs, places)),
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(with_it, file, changed),
@@ -223,27 +222,28 @@ def _places(parts: Sequence[Windows], wheels: Sequence[Windows]) -> list[Place]:
 
 
 def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
-    """Return the parameters of some effects as they were fitted, and k where it was assumed."""
-    for wheel in comparison.wheels:
-        fit = wheel.fit
-        found = {
-            name: (value, fit.shared_errors[name])
-            for name, value in fit.shared.items()
-            if name.partition(".")[0] in changed
-        }
-        if models.MODULUS in changed and "shear_modulus" in fit.undetermined:
-            usual = (float(np.nanmedian(one["shear_modulus"])) for one in (fit.values, fit.errors))
+    """Return the parameters of some effects as `estimate` has them, and k where it was assumed."""
+    for wheel, (_, soil, common) in zip(comparison.wheels, segment_soils(comparison), strict=True):
+        names = [name for name in common.values if name.partition(".")[0] in changed]
+        found = {name: (common.values[name], common.errors[name]) for name in names}
+        if models.MODULUS in changed and "shear_modulus" in common.open_samples:
+            usual = (float(np.nanmedian(one)) for one in (soil.shear_modulus, soil.shear_modulus_se))
             found["shear_modulus"] = (next(usual), next(usual))
-        for name, (value, se) in found.items():
-            yield _estimated(wheel, file, (name,), value, se)
+        for name, known in found.items():
+            yield _estimated(wheel, file, (name,), *known, determined=common.determined(name))
 
 
 def _estimated(
-    wheel: WheelComparison, file: ModelFile, names: Sequence[str], value: float, se: float
+    wheel: WheelComparison,
+    file: ModelFile,
+    names: Sequence[str],
+    value: float,
+    se: float,
+    *,
+    determined: bool = True,
 ) -> Estimated:
     """Return a parameter, or the sum of several, in the unit of the model file."""
     factor = file.factor(names[0])
-    determined = not any(bool(wheel.fit.undetermined[name].all()) for name in names)
     own = wheel.fit.model.parameters.get(names[0]) if len(names) == 1 else None
     sums = [(effect, one) for effect in file.model.effects for one in effect.sums if len(names) > 1]
     rates = {f"{effect.id}.{name}": f" × {of}" for effect, one in sums for name, of in one.rates.items()}
@@ -275,8 +275,9 @@ def remark(own: Parameter | None, value: float, *, determined: bool, has_usual_s
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
     """Return the parameters of some effects that are where nature has none, or their sums."""
     every = file.model.effects
+    limited = comparison.limited([soils.common for soils in segment_soils(comparison)])
     for effect in (one for one in every if not one.made_up_by(every)):
-        found = effect.imitations(comparison.limited, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
+        found = effect.imitations(limited, criteria.DOUBTED, diagnosis_criteria.DRAFT_LEFT)
         for place, names, value, error in found if effect.id in changed else ():
             yield _estimated(comparison.wheels[place], file, names, value, error)
 
@@ -287,6 +288,7 @@ def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> 
     if any(name.partition(".")[0] in changed and file.fixed[name] != null for name, null in held.items()):
         return np.nan
     squares, count = 0.0, 0
+    # On the soils that are judged: where somebody asked for cuts, each soil may stand for an effect.
     for wheel in comparison.wheels:
         fit, known = wheel.fit, wheel.fit.model.parameters
         error = np.sqrt(np.diagonal(fit.shared_covariance))
@@ -330,10 +332,11 @@ def _shift(name: str, differences: Sequence[Difference], places: Sequence[Place]
 
 def _open(comparison: Comparison) -> dict[str, int]:
     """Count the samples in whose segment the data leave a parameter open."""
-    counts: dict[str, int] = {}
-    for wheel in comparison.wheels:
-        for name, there in wheel.fit.undetermined.items():
-            counts[name] = counts.get(name, 0) + int(wheel.fit.n[there].sum())
+    model, counts = comparison.wheels[0].model, dict[str, int]()
+    for soils in segment_soils(comparison):
+        for name, count in soils.common.open_samples.items():
+            if name in (*model.soil, *model.parameters):
+                counts[name] = counts.get(name, 0) + count
     return counts
 
 

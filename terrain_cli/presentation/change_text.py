@@ -283,7 +283,8 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
 
 
 def _errors(step: Step) -> list[str]:
-    head = ("held-out rms error", "before", "95 %", "after", "95 %", "change", "95 %", "noise")
+    # `compare` of one model cuts blocks for that model alone.
+    head = ("held-out rms, same blocks", "before", "95 %", "after", "95 %", "change", "95 %", "noise")
     rows = [_row(one, (one.before, one.after, one.difference), one.noise) for one in step.channels]
     ratio = step.evidence.overall
     if len(rows) > 1:

@@ -19,6 +19,7 @@ from terrain_cli.comparison.comparison_outcome import (
 from terrain_cli.diagnosis.conclusion import Conclusion, conclude
 from terrain_cli.diagnosis.evidence import Evidence
 from terrain_cli.estimation import WindowEstimates
+from terrain_cli.estimation.fit_account import CommonParameters
 from terrain_cli.presentation.segment_table import SOIL, in_units
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.next_commands import Asked
@@ -82,16 +83,13 @@ def data_document(comparison: Comparison) -> dict[str, Any]:
 
 
 def _outcome(comparison: Comparison, asked: Asked | None) -> dict[str, Any]:
+    wheels = list(zip(comparison.wheels, segment_soils(comparison), strict=True))
     return {
         "conclusion": conclusion_document(concluded(comparison, asked)),
         "channels": {name: _errors(errors) for name, errors in comparison.channels.items()},
         "failures": [_finding(finding) for finding in comparison.failures],
-        "parameters": [_parameters(wheel) for wheel in comparison.wheels if wheel.fit.shared],
-        "segments": [
-            row
-            for wheel, soils in zip(comparison.wheels, segment_soils(comparison), strict=True)
-            for row in _segments(wheel, soils.estimates)
-        ],
+        "parameters": [_parameters(wheel, soils.common) for wheel, soils in wheels if wheel.fit.shared],
+        "segments": [row for wheel, soils in wheels for row in _segments(wheel, soils.estimates)],
         "warnings": list(comparison.warnings),
     }
 
@@ -113,19 +111,19 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
-def _parameters(wheel: WheelComparison) -> dict[str, Any]:
-    own = wheel.fit.model.parameters
-    factor = {name: own[name].factor if name in own else 1.0 for name in wheel.fit.shared}
+def _parameters(wheel: WheelComparison, found: CommonParameters) -> dict[str, Any]:
+    own, sought = wheel.model.parameters, [name for name in found.values if name in wheel.fit.shared]
+    factor = {name: own[name].factor if name in own else 1.0 for name in sought}
     return {
         "source": wheel.source,
         "wheel": wheel.wheel,
         **{
             name: {
-                "value": known(value / factor[name]),
-                "se": known(wheel.fit.shared_errors[name] / factor[name]),
+                "value": known(found.values[name] / factor[name]),
+                "se": known(found.errors[name] / factor[name]),
                 "unit": own[name].unit if name in own else "",
             }
-            for name, value in wheel.fit.shared.items()
+            for name in sought
         },
     }
 

@@ -119,10 +119,10 @@ def run(
     return _finished(outcome, tables)
 
 
-def _needed_segments(cut: cut_windows.Windows, file: models.ModelFile) -> cut_windows.Windows:
+def _needed_segments(cut: cut_windows.Windows, *of: Any) -> cut_windows.Windows:
     from terrain_cli.comparison.compare import needed_segments  # Few logs need it
 
-    return needed_segments(cut, file)
+    return needed_segments(cut, *of)
 
 
 def _in_reaches(

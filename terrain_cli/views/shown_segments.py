@@ -175,7 +175,7 @@ class Moment(NamedTuple):
 
 def soil_table(comparison: Comparison) -> segment_table.Table:
     """Return the soil of every segment, as `estimate` gives it."""
-    return segment_table.join([segment_table.table(*soils) for soils in segment_soils(comparison)])
+    return segment_table.join([segment_table.table(*soils[:2]) for soils in segment_soils(comparison)])
 
 
 def moments(comparison: Comparison) -> list[Moment]:

@@ -10,8 +10,12 @@ import pytest
 from known_misfits import Kind, windows_of
 
 import terrain_cli as terrain
+from terrain_cli import effects
 from terrain_cli.comparison.compare import needed_segments
 from terrain_cli.estimation import estimators
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
+from terrain_cli.windows.joined_inputs import with_inputs
 
 FULL = estimators.full_model()
 FRICTION = {"drivetrain-friction": {"Tc": 0.5, "Bv": 0.1}}
@@ -39,6 +43,19 @@ def test_false_cuts_are_taken_back_where_the_model_misses():
     np.testing.assert_allclose(found.estimates.c, whole.estimates.c, rtol=1e-9)
     (told,) = [one for one in found.windows.samples.remarks if "one soil predicts as well" in one]
     assert "each of 4 segments" in told
+
+
+def test_cuts_that_hide_an_effect_are_taken_back():
+    """Each pass on a soil of its own leaves nothing to the effect of passes."""
+    file = ModelFile(model=Model("wong-reece", (effects.find("multi-pass"),)))
+    whole = windows_of(3, Kind(effects={"multi-pass": {"stiffness_gain": 0.6}}), "none")
+    (windows,) = with_inputs([cut_in(whole, 8)], file.model.effects)
+    hidden = estimators.estimate(windows, "auto", file)
+    found = estimators.estimate(windows, "auto", file, needed=needed_segments)
+    gain = "multi-pass.stiffness_gain"
+    assert (len(hidden.windows), hidden.common.determined(gain)) == (8, False)
+    assert (len(found.windows), found.common.determined(gain)) == (1, True)
+    assert found.common.values[gain] == pytest.approx(0.6, abs=3.0 * found.common.errors[gain])
 
 
 @pytest.mark.parametrize(

@@ -313,15 +313,19 @@ def test_what_an_effect_leaves_is_not_all_of_the_misfit(effects, says, monkeypat
 
 
 def test_how_sure_an_effect_is_of_itself(own, clean, folder, monkeypatch):
-    """The right one far beyond chance; one that is absent by Wald's test from its own numbers."""
+    """The right one far beyond chance; one that is absent by Wald's test of the fit that is judged."""
+
+    def wald(step):
+        (fit,) = (wheel.fit for wheel in step.second.wheels)
+        (name,) = (one.name for one in step.parameters)
+        return chdtrc(1, (fit.shared[name] / fit.shared_errors[name]) ** 2)
+
     monkeypatch.chdir(folder)
     (right,), _ = own
-    (one,) = right.parameters
-    assert right.absent == pytest.approx(chdtrc(1, (one.value / one.se) ** 2), abs=1e-12)
+    assert right.absent == pytest.approx(wald(right), abs=1e-12)
     assert right.absent < 1e-6
     (wrong,), _ = run(clean, ["digs-itself-in"], paths=OWN)
-    (one,) = wrong.parameters
-    assert wrong.absent == pytest.approx(chdtrc(1, (one.value / one.se) ** 2), rel=1e-6)
+    assert wrong.absent == pytest.approx(wald(wrong), rel=1e-6)
     assert wrong.absent > 0.001
 
 
