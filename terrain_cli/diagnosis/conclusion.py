@@ -52,7 +52,7 @@ def _concluded(found: Evidence, asked: Asked) -> Conclusion:
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     limited = _at_limit(found, asked)
     doubtful = limited or (_doubtful(found, asked) if above or found.raised else None)
-    if doubtful or (found.raised and not few and not _refused(found)):
+    if doubtful or (found.raised and not few and not _refused(found) and not found.vain):
         elsewhere = doubtful or _in_a_stretch(found, asked)
         cause, command = elsewhere or _next(found, asked)
         if (limited or found.verdict is None) and known and not above:

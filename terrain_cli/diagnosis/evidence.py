@@ -157,6 +157,11 @@ class Evidence:
         return beyond_chance(self.ratios, self.blocks, points=self.points)
 
     @property
+    def vain(self) -> bool:
+        """Whether a diagnosis names only what takes nothing off the errors: as printed, 0 %."""
+        return self.verdict == "family" and not self.together and self.share < 0.005
+
+    @property
     def misses(self) -> bool:
         """Whether an error is larger than noise."""
         return bool(self.above)
