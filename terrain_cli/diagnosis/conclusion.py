@@ -77,7 +77,9 @@ def _concluded(found: Evidence, asked: Asked) -> Conclusion:
         return Conclusion("fits", told)
     if few or (not known and not found.raised):
         return _undecided(found, above, asked, few=few)
-    if above or found.raised or found.tracked:
+    # What a loop left unexplained is no less so where a comparison, which looks at less, finds nothing.
+    left = found.ended and found.verdict is None and not (found.impossible or found.beyond)
+    if above or found.raised or found.tracked or left:
         return _unexplained(found, above, known, asked)
     return _fits(found, known, asked)
 

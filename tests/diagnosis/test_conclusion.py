@@ -119,6 +119,10 @@ def test_after_a_loop_that_found_nothing_none_is_proposed():
     told = conclude(evidence(FINE, **after), ASKED)
     assert told.sentence == conclude(evidence(FINE, **after, **loop), ASKED).sentence
     assert told.sentence.startswith("The model fits as well as these data can tell: ")
+    # Also where what it looks at shows nothing, or an effect that lowers no error.
+    for weak in ("", "crust (p 0.005)"):
+        now = evidence(FINE, refused=("slope",), ended=True, weak=weak)
+        assert conclude(now, ASKED).sentence == told.sentence
     # A law that was drafted after that was not tried.
     law = {"verdict": "unknown", "law": "torque follows load", "refused": ("slope",), "ended": True}
     assert conclude(evidence(OFF, raised=True, **law), ASKED).command.endswith("--draft law.toml")
