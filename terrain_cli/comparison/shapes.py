@@ -14,7 +14,7 @@ _THRESHOLDS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 _LONGEST_STRETCH = 4
 _SCALES = (0.1, 0.25)  # Parts of a driver's range within which a saturating curve levels off
 _FEW_LEVELS = 6  # A driver of so few values is taken as steps between them
-#: Turns of the wheel that one period may take, in parts of a turn.
+#: Periods in a turn of the wheel: grousers, teeth and lobes of gears may be of any number up to these.
 HARMONICS = tuple(range(1, 37))
 
 
