@@ -291,14 +291,15 @@ def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
 
 
 def _at_limit(found: Evidence, asked: Asked) -> tuple[str, str] | None:
-    """Leave out the samples in which a sensor is at its limit: what they miss may pass for noise."""
+    """Leave out the samples in which a sensor is stuck or at its limit: what they miss may pass for noise."""
     if not found.at_limit:
         return None
     channels = listed([one.split()[0].replace("_", " ") for one in found.at_limit])
     kept = asked
     for condition in found.at_limit:
         kept = kept.where(condition)
-    return f"{channels} may be at the limit of a sensor: leave these samples out", kept.looked("compare")
+    cause = f"the sensor of {channels} may be stuck, or at its limit: leave these samples out"
+    return cause, kept.looked("compare")
 
 
 def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:

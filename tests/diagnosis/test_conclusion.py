@@ -56,7 +56,8 @@ def test_samples_in_which_a_sensor_is_at_its_limit_are_left_out_first(ratios, be
     limits = ("torque < 4.99", "load > 10")
     told = conclude(evidence(ratios, at_limit=limits, verdict=verdict), ASKED)
     assert told.sentence.startswith(begins)
-    assert "torque and load may be at the limit of a sensor: leave these samples out." in told.sentence
+    why = "the sensor of torque and load may be stuck, or at its limit: leave these samples out."
+    assert why in told.sentence
     condition = "(torque < 4.99) and (load > 10)"
     assert told.command == f"terrain-est compare 'a run.csv' --segments none --where '{condition}'"
 
