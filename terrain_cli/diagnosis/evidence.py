@@ -41,7 +41,7 @@ class Evidence:
     # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
     stretch: tuple[float, float] | None = None
     doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
-    at_limit: tuple[str, ...] = ()  # Conditions that leave out samples of a sensor that is stuck or at its limit
+    at_limit: tuple[str, ...] = ()  # Conditions of samples whose sensor is neither stuck nor at its limit
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
     share: float = math.nan  # Of the misfit, that any of them, or else a law, explains at the most

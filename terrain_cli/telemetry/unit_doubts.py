@@ -134,7 +134,7 @@ class Doubt(Notice):
     __slots__ = ("beyond", "of")
 
     of: str  # Such as "the sign of drawbar pull", where a line of rover.toml would settle it; else empty
-    #: Of a sensor that is stuck or at its limit, the condition of the other samples: "torque < 10.3"; else empty
+    #: Of a sensor that is stuck or at its limit, the condition of the other samples: "torque < 10.3"
     beyond: str
 
     def __new__(cls, text: str, of: str = "", beyond: str = "") -> Self:
