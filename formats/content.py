@@ -121,7 +121,7 @@ class TextStream(io.RawIOBase):
         self.encoding = _MARKS.get(mark, "utf-8")  # "utf-8", or UTF-16 or UTF-32 by that mark
         if b"\0" in self._buffer and self.encoding == "utf-8":
             hint = "text must be UTF-8, or UTF-16 or UTF-32 with its byte-order mark"
-            raise FormatError(path, "is binary, of a kind that is not read", hint=hint)
+            raise self._not_text("is binary, of a kind that is not read", hint)
         self._decoder = codecs.getincrementaldecoder(self.encoding)()
         # An editor that does not know the mark may have put its own before it.
         while mark and self._buffer.startswith(mark):
@@ -167,6 +167,13 @@ class TextStream(io.RawIOBase):
             raise DamagedError(self.path, what, hint="if that is right, unpack it first")
         return data
 
+    def _not_text(self, what: str, hint: str) -> FormatError:
+        """Say what is wrong with bytes that are no text, by what the name of the file promises."""
+        for kind in FILE_KINDS.values():
+            if kind.found != "a text table" and self.path.lower().endswith(kind.endings):
+                what, hint = f"is not {kind.found}, though its name says so", "copy or record it again"
+        return FormatError(self.path, what, hint=hint)
+
     def _as_utf8(self, data: bytes) -> bytes:
         import numpy as np
 
@@ -179,7 +186,7 @@ class TextStream(io.RawIOBase):
                 byte = error.object[error.start]
                 what = f"line {line}: byte 0x{byte:02x} is not {self.encoding.upper()} text"
                 hint = "save it as UTF-8, for instance with `iconv -f LATIN1 -t UTF-8`"
-                raise FormatError(self.path, what, hint=hint) from error
+                raise self._not_text(what, hint) from error
         if b"\0" in data:
             self.nul_bytes += data.count(b"\0")
             data = data.replace(b"\0", b"")

@@ -282,7 +282,7 @@ def test_an_effect_that_does_not_pay_changes_nothing(folder, tmp_path):
     assert kept.history[-1]["because"].startswith("--keep")
     assert kept.history[-1]["proof"] == "same data"
     assert kept.history[-1]["proof_because"] == "too short to keep any aside"
-    assert "clean.csv: too short to keep stretches aside: 120 samples, and it takes 160" in str(kept)
+    assert "clean.csv: too short to keep stretches aside: 120 samples, and 160 are needed" in str(kept)
 
 
 def test_own_effects_are_found_from_the_model_file(folder, tmp_path, monkeypatch):

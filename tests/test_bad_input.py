@@ -107,7 +107,10 @@ def test_good_input_is_good(set_aside):
         ("\n\n", "has no table in it"),
         (text([]), "has a header but no rows"),
         (text(good()).partition("\n")[2], "line 1 holds values where the names of the columns should be"),
-        (text([["1", "2"]] * 5, ("a", "b")), "nothing gives load, torque, sinkage or slip"),
+        (
+            text([["1", "2"]] * 5, ("a", "b")),
+            "load, torque, sinkage and slip are neither measured nor derived",
+        ),
         (text(good(), ("time", "load_mm", *HEADER[2:])), "'mm' is a unit of length; load takes N"),
         (text(good(), ("time", "load [bananas]", *HEADER[2:])), "'bananas' is not a known unit"),
         (
@@ -126,6 +129,14 @@ def test_good_input_is_good(set_aside):
 )
 def test_tables_that_are_none(refused, content, says):
     refused(write("run.csv", content), 65, says)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("run.bag", "a ROS 1 bag"), ("run.mcap", "MCAP"), ("run.parquet", "Parquet")]
+)
+@pytest.mark.parametrize("content", [b"\xe9" * 99, b"\0\1" * 99], ids=["no UTF-8", "binary"])
+def test_a_file_that_is_not_what_its_name_says(refused, name, kind, content):
+    refused(write(name, content), 65, f"is not {kind}, though its name says so")
 
 
 @pytest.mark.parametrize("scale", [1e3, 1e6, 1e9], ids=["ms", "us", "ns"])
@@ -314,7 +325,7 @@ def test_a_topic_with_no_definition(folder, run, refused):
     assert (code, err) == (0, "")
     assert "/odom cannot be read: lost_msgs/msg/Own: the file has no definition of it" in out
     assert "not measured, and there is no velocity to derive it from" in out
-    refused("run.bag", 65, "nothing gives slip", "velocity = { topic = ")
+    refused("run.bag", 65, "slip is neither measured nor derived", "velocity = { topic = ")
     # Asked for, it is said why it cannot be had.
     with (folder / "rover.toml").open("a") as file:
         file.write(
@@ -373,6 +384,8 @@ def test_an_output_that_cannot_be(folder, run, output):
     code, out, err = run("estimate", write("run.csv", text(good())), "-o", output)
     assert (code, out) == (73, "")
     assert err.startswith(f"terrain-est: {output}: ")
+    # All that estimate writes is named.
+    assert output != "soil.xlsx" or err.endswith(".geojsons, .mcap\n")
 
 
 @pytest.mark.parametrize(
@@ -392,4 +405,5 @@ def test_an_output_that_cannot_be(folder, run, output):
 def test_an_output_that_cannot_be_is_told_before_the_work(verb, option, output, run, monkeypatch):
     monkeypatch.setattr("formats.open_source", lambda *_, **__: pytest.fail("an input was read"))
     code, out, err = run(verb, write("run.csv", text(good())), option, output)
-    assert (code, out, err) == (73, "", f"terrain-est: {output}: no such folder\n")
+    hint = "  make it first, or name another\n" if output.startswith("nowhere") else ""
+    assert (code, out, err) == (73, "", f"terrain-est: {output}: no such folder\n{hint}")

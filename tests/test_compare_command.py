@@ -260,7 +260,7 @@ def test_a_pull_of_the_other_sign_is_named_and_its_line_mends_it(folder, tmp_pat
     table.assign(drawbar_pull=-table["drawbar_pull"]).to_csv(tmp_path / "run.csv", index=False)
     (tmp_path / "rover.toml").write_text(ROVER)
     before = terrain_est_here("compare", "run.csv", "-q", cwd=tmp_path).stdout
-    assert "and the sign of drawbar pull may be wrong: if so, put the line of the note" in before
+    assert "and the sign of drawbar pull may be wrong: if so, copy the line of the note" in before
     assert before.endswith("Next: terrain-est compare run.csv\n")
     line = before.partition("way round, ")[2].partition(" under [channels]")[0]
     (tmp_path / "rover.toml").write_text(f"{ROVER}[channels]\n{line}\n")
@@ -275,4 +275,4 @@ def test_a_log_without_load_is_refused_as_what_was_asked_for(terrain_est_here, t
         done = terrain_est_here(verb, tmp_path / "run.csv")
         assert (done.returncode, done.stdout) == (65, "")
         assert f"run.csv: {what}" in done.stderr
-        assert ": nothing gives load\n" in done.stderr
+        assert ": load is neither measured nor derived\n" in done.stderr

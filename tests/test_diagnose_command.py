@@ -387,7 +387,7 @@ def test_what_is_smaller_than_asked_for_is_told_and_raises_no_alarm(folder, terr
     assert 0.1 < alarm["share"] < alarm["smallest_share"] == 0.9
     assert alarm["channel"] in found["channels"]
     assert found["sentence"].startswith("Slip-sinkage is only ")
-    assert "chance does not explain it, but it is less than 90 % of every channel" in found["sentence"]
+    assert "That is not chance, but less than the 90 % that an alarm needs" in found["sentence"]
     assert found["conclusion"]["state"] == "fits"
     assert "less than --smallest-share asks for" in found["conclusion"]["sentence"]
 

@@ -34,8 +34,12 @@ def here(tmp_path, monkeypatch):
         ),
         (["--robust", "--method", "ridge"], 2, "--robust is for the full model"),
         (["--model", "gone.toml"], 78, "gone.toml: no such model file"),
-        (["--model", "bad.toml"], 78, "bad.toml: format is missing"),
-        (["--model", "lateral.toml"], 65, "run.csv: effect side-slip needs slip_angle, and nothing gives it"),
+        (["--model", "bad.toml"], 78, "bad.toml: is not a model file: the key format is missing"),
+        (
+            ["--model", "lateral.toml"],
+            65,
+            "run.csv: effect side-slip needs slip_angle, which is neither measured nor derived",
+        ),
         (["--model", "grousers.toml"], 78, "effect grousers needs grouser_height of rover.toml"),
     ],
 )

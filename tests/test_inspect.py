@@ -347,9 +347,12 @@ def test_one_load_does_not_separate_the_parameters_of_a_measured_soil(estimate):
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("cmu-smooth-wheel.csv", "c and φ cannot be estimated: nothing gives torque\n"),
-        ("borealtc-mixed-pro_00.csv", "nothing gives load, torque, sinkage or slip\n"),
-        ("bags/robot_localization_test1.bag", "nothing gives load, torque, sinkage or slip\n"),
+        ("cmu-smooth-wheel.csv", "c and φ cannot be estimated: torque is neither measured nor derived\n"),
+        ("borealtc-mixed-pro_00.csv", "load, torque, sinkage and slip are neither measured nor derived\n"),
+        (
+            "bags/robot_localization_test1.bag",
+            "load, torque, sinkage and slip are neither measured nor derived\n",
+        ),
     ],
 )
 def test_measured_data_that_cannot_give_an_estimate(estimate, name, says):

@@ -306,7 +306,7 @@ def test_words_behind_data(words, inputs, effects):
         (["add", "line.toml", "slip-sinkage"], 78, "which the base linear does not have"),
         (["add", "model.toml", "linearised-stresses"], 2, "does not make the assumption"),
         (["add", "model.toml", "multi-pass", "--data", "clean.csv"], 65, "needs pass_number"),
-        (["add", "model.toml"], 2, "which EFFECT?"),
+        (["add", "model.toml"], 2, "no EFFECT is given"),
         (["add", "model.toml", "--until-quiet"], 2, "--until-quiet needs --data"),
         (["add", "model.toml", "--until-quiet", "--keep", "--data", "clean.csv"], 2, "contradict"),
         (["add", "model.toml", "hardpan", "--draft", "d.toml"], 2, "--draft is for --until-quiet"),

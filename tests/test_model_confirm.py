@@ -127,11 +127,11 @@ def test_a_diagnosis_does_not_see_them_and_says_what_to_do_next(logs, monkeypatc
     ("args", "says"),
     [
         (("--keep-aside", "0.5"), "--keep-aside needs --data"),
-        (("--data", "sinks.csv", "--keep-aside", "0.5", "--confirm", "clean.csv"), "are two proofs"),
+        (("--data", "sinks.csv", "--keep-aside", "0.5", "--confirm", "clean.csv"), "exclude each other"),
         (("--data", "sinks.csv", "--keep-aside", "1"), "not in the range 0<x<1"),
         (("--confirm", "clean.csv"), "--confirm needs --data"),
         (("--data", "sinks.csv", "--confirm", Path("sub", "..", "sinks.csv")), "is also an input of --data"),
-        (("--data", "sinks.csv", "--until-quiet", "--confirm", "clean.csv"), "effects that are named"),
+        (("--data", "sinks.csv", "--until-quiet", "--confirm", "clean.csv"), "needs an EFFECT"),
     ],
 )
 def test_what_is_no_proof_is_refused(model, logs, args, says):

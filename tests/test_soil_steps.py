@@ -122,7 +122,7 @@ def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here,
         return done.stdout
 
     last = said("compare", "passes.csv", *halves, "-q").splitlines()[-1]
-    assert "but only with 2 soils; fewer may be enough with multi-pass. Next: " in last
+    assert "but only with 2 soils; with multi-pass, fewer may be enough. Next: " in last
     last = said("diagnose", "passes.csv", *halves, "-q").splitlines()[-1]
     assert "with 1 soil instead of 2, the held-out error is " in last
     assert "multi-pass explains it. A soil that changes at 12 s (" in last
@@ -139,4 +139,4 @@ def test_a_pass_that_passes_for_another_soil_is_named_and_pays(terrain_est_here,
     removed = json.loads(said("model", "remove", "model.toml", "multi-pass", *data))
     assert not removed["pays"]
     assert removed["channels"]["sinkage"]["heldout_after"] > 2.0 * sinkage["heldout_after"]
-    assert "with multi-pass, 1 soil will do; both models are compared on 1 soil" in removed["warnings"]
+    assert "with multi-pass, 1 soil is enough; both models are compared on 1 soil" in removed["warnings"]

@@ -15,13 +15,15 @@ _TEXT_KINDS = ("csv", "json", "geojson", "geojsonl", "geojsons")
 _KINDS = {f".{kind}": kind for kind in ("csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons")}
 
 
-def output_kind(destination: str) -> str:
+def output_kind(destination: str, *others: str) -> str:
     """Tell from its name how a file is to be written.
 
     Parameters
     ----------
     destination : str
         "-" is the standard output; that, pipes and devices take CSV.
+    others : str
+        Further endings that the caller writes, for the message.
 
     Returns
     -------
@@ -40,7 +42,7 @@ def output_kind(destination: str) -> str:
             return "csv"
     if kind is None:
         what = f"the ending {path.suffix!r} is not known"
-        raise CannotWriteError(destination, what, hint=f"known are {', '.join(_KINDS)}")
+        raise CannotWriteError(destination, what, hint=f"known are {', '.join([*_KINDS, *others])}")
     return kind
 
 

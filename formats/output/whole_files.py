@@ -157,7 +157,9 @@ def explained(path: str) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise CannotWriteError(path, _REASONS.get(error.errno or 0, error.strerror or str(error))) from error
+        what = _REASONS.get(error.errno or 0, error.strerror or str(error))
+        hint = "make it first, or name another" if error.errno == errno.ENOENT else ""
+        raise CannotWriteError(path, what, hint=hint) from error
     except UnicodeEncodeError as error:
         if shown(path) == path:
             raise

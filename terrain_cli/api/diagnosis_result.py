@@ -115,7 +115,7 @@ class DiagnosisResult(result_tables.Result):
 
     def _repr_html_(self) -> str:
         drives = [
-            f"To tell {' from '.join(one.pair)}: {one.manoeuvre} (settles it in {one.power:.0%} of cases)"
+            f"To tell {' from '.join(one.pair)}: {one.manoeuvre} (decides in {one.power:.0%} of cases)"
             for one in self.next_drive
         ]
         fitted = self.candidates["refitted"].astype(bool)
@@ -141,7 +141,7 @@ def diagnose(
 
     Every effect of the catalogue is tried: fitted together with the soil, and judged by the error on
     stretches of the data that were left out. Inputs of the same wheel are joined. A log of a minute
-    takes some ten seconds.
+    takes about ten seconds.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from terrain_cli.api.logs import Data, windows_of
 from terrain_cli.comparison.compare import needed_segments
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.estimation.estimators import Fitted
+from terrain_cli.estimation.estimators import FitOptions, Fitted
 from terrain_cli.models import ModelFile
 from terrain_cli.presentation import segment_table
 from terrain_cli.presentation import summary as summaries
@@ -78,7 +78,7 @@ def posterior(
     model: ModelFile | str | Path | None = None,
     robust: bool = False,
 ) -> pd.DataFrame:
-    """Say what is known of c and φ together, and of all parameters, in every window.
+    """Return the joint posterior of c and φ, and the covariance of all parameters, in every window.
 
     Parameters
     ----------
@@ -158,17 +158,13 @@ def _fits(
     *,
     robust: bool,
     at_stress: float | None = None,
+    joint: int = 0,
     **options: Any,
 ) -> list[Fitted]:
     file = estimators.choose(method, model, robust=robust)
-    stress, fits = None if at_stress is None else 1e3 * at_stress, []
-    for one in [_lined(one) for one in windows_of(data, file.model.effects if file else ())]:
-        fit = estimators.estimate(
-            one, method, file, robust=robust, at_stress=stress, needed=needed_segments, **options
-        )
-        fits.append(fit)
-        stress = estimators.common_stress(stress, fit.estimates)
-    return fits
+    given = FitOptions(robust=robust, at_stress=None if at_stress is None else 1e3 * at_stress, **options)
+    wheels = [_lined(one) for one in windows_of(data, file.model.effects if file else ())]
+    return list(estimators.estimate_each(wheels, method, file, given, joint=joint, needed=needed_segments))
 
 
 def _lined(windows: Windows) -> Windows:

@@ -180,7 +180,7 @@ def reason(item: Input, folder: Folder, order: Order) -> str | None:
         ("cannot be read", item.problem is not None),
         ("changed", not same(item, entry)),
         ("other options", not _holds(entry, folder, order)),
-        ("failed in passing", failed and entry.passing),
+        ("failed temporarily", failed and entry.passing),
         ("failed before", failed and order.retry_failed),
         ("its copy has changed", duplicate and folder.holders.get(key, item.location) == item.location),
         ("result missing", entry.status == "ok" and not whole),

@@ -134,7 +134,7 @@ def duration(seconds: float) -> str:
     default=5.0,
     show_default=True,
 )
-@options.value("--seed N", int, "No effect here; other verbs use it.")
+@options.value("--seed N", int, "Not used here; other commands use it.")
 @options.quiet
 @options.verbose
 @click.pass_context

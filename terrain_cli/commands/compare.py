@@ -54,7 +54,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     given = context.params
     names = given["models"]
     if len(names) > 2:
-        raise UsageError(f"--model is given {len(names)} times", hint="once, or twice for two side by side")
+        raise UsageError(
+            f"--model is given {len(names)} times", hint="give it once, or twice to compare two models"
+        )
     files = [models.resolve(name) for name in names]
     with Progress(len(given["inputs"]) + len(files), enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, files, progress)

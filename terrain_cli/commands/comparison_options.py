@@ -173,9 +173,10 @@ def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> 
     """Return what `estimate` is asked for the segments of a comparison."""
     from terrain_cli.comparison.compare import needed_segments
     from terrain_cli.estimation import estimators
-    from terrain_cli.estimation.estimators import EstimateRequest
+    from terrain_cli.estimation.estimators import EstimateRequest, FitOptions
 
     # Before the work, not after it.
     estimators.choose("auto", file, robust=given["robust"])
-    options_of_estimate = {name: given[name] for name in ("min_samples", "folds", "robust", "at_stress")}
-    return EstimateRequest(wheels=cut, file=file, needed=needed_segments, **options_of_estimate)
+    stress = None if given["at_stress"] is None else 1e3 * given["at_stress"]
+    fits = FitOptions(**{name: given[name] for name in ("min_samples", "folds", "robust")}, at_stress=stress)
+    return EstimateRequest(wheels=cut, file=file, options=fits, needed=needed_segments)

@@ -21,6 +21,6 @@ Examples:
 @click.argument("shell", type=click.Choice(list(_SHELLS)))
 @click.pass_context
 def command(context: click.Context, /, shell: str) -> None:
-    """Print the script that lets SHELL complete verbs, options, files and choices."""
+    """Print the script that lets SHELL complete commands, options, files and choices."""
     program = context.find_root().command
     click.echo(_SHELLS[shell](program, {}, "terrain-est", "_TERRAIN_EST_COMPLETE").source())

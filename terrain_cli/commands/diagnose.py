@@ -95,6 +95,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     say(form(found, asked, given["draft"] or ""))
     comparison_options.draw(found, given)
     if given["draft"] and found.unknown is None:
-        click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
+        click.echo(f"{given['draft']}: not written, since no law was drafted", err=True)
     elif given["draft"] and not given["quiet"]:
         click.echo(f"{given['draft']}: the law is written", err=True)

@@ -105,7 +105,7 @@ _WHOLE = ("summary", "samples", "rejects", "trace", "posterior", "places", "salv
 )
 @options.force
 @options.jobs("Inputs read at the same time.")
-@options.value("--seed N", int, "No effect here; other verbs use it.")
+@options.value("--seed N", int, "Not used here; other commands use it.")
 @options.quiet
 @options.verbose
 @click.pass_context

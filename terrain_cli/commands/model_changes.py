@@ -198,14 +198,15 @@ def add(context: click.Context, /, **_: Any) -> None:
         raise UsageError("--keep-aside needs --data", hint="the share is taken from the inputs of --data")
     if given["until_quiet"]:
         if not given["inputs"]:
-            raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
+            raise UsageError("--until-quiet needs --data", hint="add --data with one input or several")
         if given["keep"]:
             raise UsageError("--keep and --until-quiet contradict each other", hint="leave out one of them")
         _until_quiet(context)
         return
     if not given["effects"]:
         raise UsageError(
-            "model add: which EFFECT?", hint="terrain-est effects list shows them; --until-quiet finds out"
+            "model add: no EFFECT is given",
+            hint="terrain-est effects list shows all of them; with --until-quiet the data choose",
         )
     if given["draft"]:
         raise UsageError("--draft is for --until-quiet", hint="a draft is added by its file name")
@@ -221,10 +222,10 @@ def _check_confirm(given: Mapping[str, Any]) -> None:
             "--confirm needs --data", hint="give with --data the drive on which the effect was named"
         )
     if given["keep_aside"] is not None:
-        raise UsageError("--confirm and --keep-aside are two proofs", hint="give one of them")
+        raise UsageError("--confirm and --keep-aside exclude each other", hint="give one of them")
     if given["until_quiet"]:
         raise UsageError(
-            "--confirm is for effects that are named",
+            "--confirm needs an EFFECT, and --until-quiet has none yet",
             hint="let --until-quiet choose first, then add what it chose to a new model with --confirm",
         )
     data = {Path(path).resolve() for path in formats.expand(given["inputs"])}

@@ -49,6 +49,7 @@ class _Sane(click.ParamType):  # type: ignore[type-arg]
 class Amount(_Sane, click.FloatRange):
     """How much of something: gigabytes, seconds, metres or kPa."""
 
+    name = "number"
     most = 1e9  # Beyond any machine, any life and any ground
 
 
@@ -57,6 +58,8 @@ POSITIVE = Amount(0, min_open=True)
 
 class Count(_Sane, click.IntRange):
     """How many of something."""
+
+    name = "whole number"
 
     # More samples than any log has, and no more than a sum of it can count
     def __init__(self, least: int, most: int = 10**12) -> None:
@@ -221,7 +224,9 @@ min_samples = value(
     f"Fewest samples of a segment.  [{choices.CUT_SAMPLES} to cut, {choices.FIT_SAMPLES} to estimate]",
 )
 folds = value(
-    "--folds N", Count(2, _MOST_FOLDS), "Choose the ridge's δ over N contiguous blocks.  [leave-one-out]"
+    "--folds N",
+    Count(2, _MOST_FOLDS),
+    "Choose the ridge's δ by cross-validation over N blocks.  [leave-one-out]",
 )
 at_stress = value(
     "--at-stress KPA",

@@ -1,7 +1,7 @@
 """`terrain-est simulate [DRIVE.toml]`."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +126,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     click.echo(f"{where}: {log.scenario.summary}", err=True)
     if rover:
         click.echo(f"{rover}: the rover file that fits", err=True)
+    elif given["output"] != "-":
+        beside = _beside(given["output"])
+        click.echo(f"{beside} is yours and was left as it is: --rover FILE writes one that fits", err=True)
     if truth:
         hidden = ", the hidden effect included: whoever opens it can read it" if given["hide"] else ""
         click.echo(f"{truth}: the truth{hidden}", err=True)
@@ -138,14 +141,12 @@ def _name_outputs(context: click.Context) -> None:
     given = context.params
     if given["hide"] and not given["truth"]:
         if given["output"] == "-":
-            raise UsageError(
-                "--hide needs a file for what it hides", hint="add --truth FILE.json, or -o FILE"
-            )
+            raise UsageError("--hide needs a file for the truth", hint="add --truth FILE.json, or -o FILE")
         given["truth"] = f"{given['output'].rstrip('/')}.sealed.json"
     if given["truth"] == "-":
-        raise UsageError("--truth: the truth goes to a file of its own")
+        raise UsageError("--truth needs a file, not standard output", hint="give --truth FILE.json")
     named = [given[name] for name in ("output", "truth", "rover") if given[name]]
-    given["rover"] = given["rover"] or _rover_beside(given)
+    given["rover"] = given["rover"] or _rover_beside(given["output"])
     paths.check(context)
     for name in named:
         formats.check_free(name, replace=given["force"])
@@ -217,16 +218,16 @@ def _effect(text: str) -> tuple[str, dict[str, float]]:
     return (match["name"] if match else text), values
 
 
-def _rover_beside(given: Mapping[str, Any]) -> str | None:
+def _rover_beside(output: str) -> str | None:
     """Return the rover file beside the log; none if a user's own is there."""
-    from terrain_cli.rover.vehicle import FILE_NAME
     from terrain_cli.simulation import simulation_files
 
-    if given["output"] == "-":
+    if output == "-" or simulation_files.rover_is_in_the_way(_beside(output)):
         return None
-    beside = Path(given["output"].rstrip("/")).parent / FILE_NAME
-    if not simulation_files.rover_is_in_the_way(beside):
-        return str(beside)
-    if not given["quiet"]:
-        click.echo(f"{beside} is yours and was left as it is: --rover FILE writes one that fits", err=True)
-    return None
+    return str(_beside(output))
+
+
+def _beside(output: str) -> Path:
+    from terrain_cli.rover.vehicle import FILE_NAME
+
+    return Path(output.rstrip("/")).parent / FILE_NAME

@@ -131,7 +131,7 @@ def of_fitted(
     ordered = any(wheel.ordered for wheel in fitted)
     why = "too few samples" if ordered else "too few test points were repeated"
     warnings += [
-        f"the noise of {name.replace('_', ' ')} cannot be told from misfit: {why}"
+        f"the noise of {name.replace('_', ' ')} cannot be separated from misfit: {why}"
         for name in channels
         if not np.isfinite(levels[name])
     ]

@@ -59,14 +59,14 @@ A finding is reported by itself, so it needs the stricter level. An alarm also n
 blocks."""
 FINDING_LEVEL = criterion(
     0.005,
-    "how often chance gives a finding this strong, over all drivers and shapes; with some 20 blocks the "
+    "how often chance gives a finding this strong, over all drivers and shapes; with about 20 blocks the "
     "bootstrap counts 2 to 5 times too few",
     "finding_study, 1: with it 1 of 300 clean drives has a finding",
 )
 
 """How much of a term must remain when everything else is refitted?
 Shares of its sum of squares. They differ by up to 50 times, without evidence."""
-TERM_SURVIVES = criterion(0.005, "a term of a finding is tested")
+TERM_SURVIVES = criterion(0.005, "a term is tested as a finding only if this much of it remains")
 
 """How much more must the more complex explanation explain?
 Shares of what is explained, except a cosine, a correlation and a gain. They differ without evidence."""
@@ -80,7 +80,7 @@ ALIKE = criterion(0.9, "cosine between two terms above which one may be mistaken
 
 """How many are considered?
 These bound the time as much as the result."""
-MOST_FINDINGS = criterion(6, "findings of a comparison")
+MOST_FINDINGS = criterion(6, "largest number of findings of a comparison")
 
 """How is the noise estimated?"""
 LEAST_NOISE_OF_SCALE = criterion(0.2, "smallest noise used as a weight, as a share of the residual")

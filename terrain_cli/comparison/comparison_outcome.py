@@ -263,8 +263,9 @@ def segment_soils(comparison: Comparison) -> list[Soils]:
     asked = comparison.soils
     if asked is None:
         return [_own(wheel, wheel.segments, None) for wheel in comparison.wheels]
+    stress = asked.options.at_stress
     return [
-        Soils(cut.taken(slice(None), found[0]), found[1]) if found else _own(wheel, cut, asked.stress)
+        Soils(cut.taken(slice(None), found[0]), found[1]) if found else _own(wheel, cut, stress)
         for wheel, cut, found in zip(comparison.wheels, asked.wheels, asked.estimates, strict=True)
     ]
 

@@ -323,7 +323,7 @@ def sentence_of(
     name, hidden = what.words, seen < criteria.HIDDEN
     size = f"{_number(abs(amplitude) * what.factor)} {what.unit}"
     if shape.name == "periodic":
-        text = f"the model misses a swing of ± {size} in {name}"
+        text = f"the model misses an oscillation of ± {size} in {name}"
     elif hidden:
         text = f"the model should predict {size} {'more' if amplitude > 0.0 else 'less'} {name}"
     else:

@@ -49,7 +49,7 @@ def marked(wheels: Sequence[Windows], share: float) -> list[Windows]:
         aside = place * criteria.FEWEST_BLOCKS % count >= (1.0 - share) * count
         said: Notice
         if count < needed:
-            said = TooShort(f"too short to keep stretches aside: {count} samples, and it takes {needed}")
+            said = TooShort(f"too short to keep stretches aside: {count} samples, and {needed} are needed")
         else:
             of = f"{int(aside[leader.usable].sum())} of {len(leader.usable)} samples"
             said = Notice(f"{of} are kept aside, in {criteria.FEWEST_BLOCKS} stretches")

@@ -50,7 +50,6 @@ class Solution:
     design: Array  # shape (n, c, q + m): derivatives of the prediction by t and common, in the same units
     sinkage: Array | None  # shape (n,): under the load; None where it is given
     spread: float  # Variance of the misfit in units of the noise's, as it counts against the prior
-    cost: float  # Without the prior's part
 
     @property
     def merit(self) -> float:
@@ -181,7 +180,6 @@ def solve(
         design=state.design,
         sinkage=state.sinkage,
         spread=spread,
-        cost=float(smoothed_model.bounded(state.left).sum()),
     )
 
 

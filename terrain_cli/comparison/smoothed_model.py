@@ -62,16 +62,8 @@ def with_noise_of(data: SmoothedData, left: Array, fewest: int) -> SmoothedData:
 
 def parameters(sought: Unknowns, t: Array, common: Array, window: Index) -> dict[str, Array]:
     """Return every parameter of some samples, (n,), from `t`, (n, q), and `common`, (m,) or (n, m)."""
-    n = len(window)
-    found = {
-        name: np.broadcast_to(number, (n,)) if number.ndim == 0 else number[window]
-        for name, number in sought.fixed.items()
-    }
-    for column, unknown in enumerate(sought.local):
-        found[unknown.name] = unknown.value(t[:, column])
-    for column, unknown in enumerate(sought.shared):
-        found[unknown.name] = np.broadcast_to(unknown.value(np.asarray(common[..., column])), (n,))
-    return found
+    found = sought.values(t, common.T, 1, window)
+    return {name: np.broadcast_to(number, (len(window),)) for name, number in found.items()}
 
 
 def forecast(

@@ -105,15 +105,9 @@ def of_pair(log: DiagnosedLog, base: Refit, both: Hypothesis, refit: Refit) -> C
     return Candidate(
         effect=both.id,
         title=both.title,
-        score=np.nan,
-        p_value=np.nan,
-        surviving=np.nan,
         explained=float(of_loss) if np.isnan(share) else share,
-        loss=np.nan,
-        loss_se=np.nan,
         heldout=heldout,
         noise=noise,
-        sizes={},
         refitted=True,
         in_family=True,
     )

@@ -88,27 +88,27 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
     soils = f"with {counted(found.soils, 'soil')}{f' under {found.wheels} wheels' * (found.wheels > 1)}"
     if found.instead and found.instead not in found.refused and not found.ended:
         command = asked.looked("diagnose")
-        told = f"The model may miss something: {_at_most(known)}, but only {soils}; fewer may be enough with"
-        return Conclusion("explained", f"{told} {found.instead}. Next: {command}", command)
+        told = f"The model may miss something: {_at_most(known)}, but only {soils}; with {found.instead}"
+        return Conclusion("explained", f"{told}, fewer may be enough. Next: {command}", command)
     told = f"The model fits to within the noise{f' {soils}' * bool(found.changes)}: {_at_most(known)}"
     told += ", as is to be expected by chance with so few points" * bool(above_noise(known))
     if found.impossible:
-        told += f", but only with {listed(found.impossible)}, which is physically impossible: something is "
-        told += "missing that the soil takes up, or a sensor is wrong."
+        told += f", but only with {listed(found.impossible)}, which is physically impossible: the soil "
+        told += "imitates something that is missing, or a sensor is wrong."
         if found.verdict is None and not found.refused and not found.ended:
             command = asked.looked("diagnose")
             return Conclusion("unexplained", f"{told} Next: {command}", command)
         check = "Check zero and gain of each sensor, and drive over a wider range of load and slip."
         return Conclusion("unexplained", f"{told} {check}")
     if found.beyond:
-        stand = "stand" if len(found.beyond) > 1 else "stands"
+        imitate = "imitate" if len(found.beyond) > 1 else "imitates"
         command = asked.removed([*found.beyond])
-        told += f", but only with {listed([*found.beyond.values()])}: {listed([*found.beyond])} {stand} for "
-        told += f"something else. Take it out to see what is missing. Next: {command}"
+        told += f", but only with {listed([*found.beyond.values()])}: {listed([*found.beyond])} {imitate} "
+        told += f"something else. To see what is missing, remove it. Next: {command}"
         return Conclusion("unexplained", told, command)
     if found.weak:
-        told += f". What is left follows {found.weak}, but no held-out error falls with so small an effect: "
-        told += "the noise of load, slip and sinkage hides it. To tell, measure them with less noise."
+        told += f". The residuals look like {found.weak}, but so small an effect lowers no held-out error: "
+        told += "the noise of load, slip and sinkage hides it. To decide, measure these with less noise."
     elif found.blocks < comparison_criteria.FEWEST_BLOCKS:
         told += f". No effect shows, but {too_few(found.blocks)} to rule one out. {_more(found)}"
     else:
@@ -122,7 +122,7 @@ def _fits(found: Evidence, known: Mapping[str, float], asked: Asked) -> Conclusi
     if found.absent:
         command = asked.removed(found.absent)
         what = listed(found.absent)
-        told += f" It fits as well without {what}, of which it has none. Next: {command}"
+        told += f" It fits as well without {what}, which does nothing at its fitted size. Next: {command}"
         return Conclusion("fits", told, command)
     return Conclusion("fits", told)
 
@@ -174,7 +174,7 @@ def _unexplained(
     if diagnosed and (_refused(found) or not found.raised) and known and not above:
         why = _did_not_pay(found) if tried else "no effect explains it"
         told = (
-            f"The model fits as well as these data can tell: {_at_most(known)}. What is left may be "
+            f"The model fits as well as these data can tell: {_at_most(known)}. The residuals may be "
             f"systematic, but {why}."
         )
         return Conclusion("unexplained", told, record=found.unrecorded)
@@ -252,7 +252,7 @@ def _at_most(known: Mapping[str, float]) -> str:
 
 def _not_random(known: Mapping[str, float]) -> str:
     """Say that errors which are as small as the noise follow something."""
-    return f"{_at_most(known)}{' but systematic' * bool(known)}"
+    return f"{_at_most(known)}{', but the residuals are systematic' * bool(known)}"
 
 
 def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
@@ -286,7 +286,7 @@ def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
     """Send to rover.toml where a sign or a unit is doubted: what an effect explains of it is no physics."""
     if not found.doubted:
         return None
-    settle = "if so, put the line of the note into rover.toml; if not, put it there with the right unit"
+    settle = "if so, copy the line of the note into rover.toml; if not, copy it with the right unit or sign"
     return f"{listed(found.doubted)} may be wrong: {settle}", asked.looked("compare")
 
 
@@ -313,7 +313,7 @@ def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:
         if found.verdict is None and not found.ended:
             return None
         when, others = f"after {low} s", f"time < {low}"
-    cause = f"most of all {when}: find out what happened then, and if the model fits the rest"
+    cause = f"most of all {when}: find out what happened then, and whether the model fits the rest"
     return cause, asked.where(others).looked("compare")
 
 
@@ -328,7 +328,9 @@ def _record(found: Evidence, *, few: bool) -> str:
         return _more(found)
     # On the same track the soil would vary as it did.
     again = "Repeat the test points on fresh soil" if found.points else "Repeat the drive beside this track"
-    told = f"{again}: if the misfit changes, the soil varies; if it returns, the model lacks something."
+    told = (
+        f"{again}: if the misfit changes, the soil varies; if it stays the same, the model lacks something."
+    )
     if found.fit_beside_pull:
         told = f"{listed(found.fit_beside_pull).capitalize()} fit, so look for something that acts on the "
         told += "drawbar pull alone: a slope, a tether or its sensor."

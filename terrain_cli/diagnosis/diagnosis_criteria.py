@@ -28,11 +28,14 @@ SMALLEST_SHARE = criterion(
 )
 
 """How many standard errors are significant?"""
-BETTER = criterion(2.0, "a model is better than another if it gains more")
+BETTER = criterion(
+    2.0, "a model is better than another only if its gain is this many times its standard error"
+)
 LEAST_GAIN = criterion(
     1.0,
-    "and more noise variances, over all samples: of two models that predict the same, such as wheel-radius "
-    "and a slip that is off by a share, one gained 0.03 ± 0.01",
+    "a model is better than another only if it also gains this many noise variances over all samples: of "
+    "two models that predict the same, such as wheel-radius and a slip that is off by a share, one gained "
+    "0.03 ± 0.01",
 )
 TESTABLE = criterion(2.0, "an effect is testable if three times its typical size stands out by more")
 SURE_OF_BENT_LAWS = criterion(
@@ -54,22 +57,26 @@ GAINED = criterion(
     "with both levels, false alarms: 1 of 400 clean logs (diagnosis_study), 1 of 150 (alarm_study)",
 )
 TIED = criterion(
-    0.05, "an effect belongs to the family if it is as good as the best in this share of the draws"
+    0.05,
+    "an effect belongs to the family if it is as good as the best one in this share of the simulated drives",
 )
 RULED_OUT = criterion(
     0.02,
-    "a rival is ruled out if it is mistaken for the best, by as much as now, in a smaller share of the draws",
-    "diagnosis_study, goals: with it the true effect is in the family of all that are detected",
+    "a rival is ruled out if in a smaller share of the drives simulated with it, the best effect wins as "
+    "clearly as now",
+    "diagnosis_study, goals: with it the true effect is in the family of 167 of the 168 that are detected",
 )
 EARNED = criterion(
     0.9,
-    "share of the draws that must name the effect correctly",
-    "diagnosis_study, goals: with it 2 wrong single names of 976 drives",
+    "share of the simulated drives in which the effect must come first, to be the single name",
+    "diagnosis_study, goals: with it none of 976 drives gets a wrong single name",
 )
 
 """How much of a term must remain when everything else is refitted?"""
-SIGNATURE_SURVIVES = criterion(0.0002, "an effect's signature is tested")
-REST_SURVIVES = criterion(0.01, "a shape is tested in the residuals that an effect leaves")
+SIGNATURE_SURVIVES = criterion(0.0002, "an effect is tested only if this much of its signature remains")
+REST_SURVIVES = criterion(
+    0.01, "a shape is tested in the residuals that an effect leaves only if this much of it remains"
+)
 
 """How much more must the more complex explanation explain?"""
 PLAINER_DRAFT = criterion(
@@ -84,7 +91,7 @@ Shares of what a model leaves, or of what the best effect removes. Each value de
 DRAFT_LEFT = criterion(
     0.12,
     "a drafted law stands if the best effect leaves this much, and the law explains it",
-    "diagnosis_study, goals: with it 71 of 72 effects outside the catalogue raise the alarm, and none "
+    "diagnosis_study, goals: with it all 72 effects outside the catalogue raise the alarm, and none "
     "gets a wrong name",
 )
 RIVAL_WORTH = criterion(
@@ -98,8 +105,8 @@ SCORE_WORTH = criterion(
 )
 SMALL_REST = criterion(
     0.05,
-    "share of what an effect explains that may still follow the drive afterwards, or by which another "
-    "pair of effects may explain less and still be what is there",
+    "share of what an effect explains: so much may still be systematic when it gets a single name, and "
+    "another pair of effects that explains less by no more than this is named too",
 )
 STANDS_FOR_SOILS = criterion(
     0.8,
@@ -108,27 +115,26 @@ STANDS_FOR_SOILS = criterion(
 )
 STEPS_SHARE = criterion(
     0.5,
-    "steps of the soil must remove this share of the misfit beyond noise; the rest may come from "
-    "another missing effect, since a soil leaves little; an effect that would explain more is told even "
-    "where the alarm is silent",
+    "share of the misfit beyond noise that counts as most of it: changes of the soil must remove it, and "
+    "an effect that would explain it is mentioned even where the alarm is silent",
 )
 
 """How many are considered?"""
 RIVALS = criterion(8, "effects, or pairs of effects, compared with one another or with a change of soil")
-DRAFTS = criterion(6, "laws that are fitted; fewer than rivals, without evidence")
+DRAFTS = criterion(6, "drafted laws that are fitted; fewer than effects, without evidence")
 SOILS_OF_A_LAW = criterion(
     3,
     "further soils that a drafted law replaces if it predicts as well; fewer only if it predicts better: a "
     "step in a quantity that warms up looks like two soils",
 )
-MOST_STEPS = criterion(4, "steps of the soil under all wheels")
+MOST_STEPS = criterion(4, "largest number of changes of the soil that are sought, under all wheels together")
 POINTS_ENOUGH = criterion(
-    200, "test points of a wheel above which their order is not tested: the scores say as much"
+    200, "test points of a wheel above which their order is not tested: the scores then show as much"
 )
 
 
 """How many predictions may be missing?"""
-FORECAST = criterion(0.8, "share of a next drive that both models must be able to predict")
+FORECAST = criterion(0.8, "share of the samples of a next drive that both models must be able to predict")
 
 """What is reported beside a verdict?"""
 LEFT_OPEN = criterion(
@@ -147,11 +153,11 @@ STUCK = criterion(0.6, "sinkage over radius at which a rover is stuck")
 LEAST_POWER = criterion(
     0.75,
     "power below which a drive is not proposed",
-    "diagnosis_study, goals: of 22 families with such a drive 18 end in the right single name, of 16 in "
-    "which every pair has one 15",
+    "diagnosis_study, goals: 15 of 19 families with such a drive end in the right single name, and 12 "
+    "of 14 in which every pair has such a drive",
 )
 MOST_POWER = criterion(
-    0.99, "largest power that is stated: not only noise and other forms of a law can go wrong"
+    0.99, "largest power that is stated, since more can go wrong than the simulations contain"
 )
 SAME_POWER = criterion(0.05, "powers that differ by less count as equal")
 SAME_MARGIN = criterion(0.25, "margins, in standard deviations, that differ by less count as equal")

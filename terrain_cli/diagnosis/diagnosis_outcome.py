@@ -120,19 +120,21 @@ class Candidate:
     # effect, title: its id, and what it is called
     effect: str
     title: str
-    score: float  # Largest |t| of its parameters' scores, without a refit
-    p_value: float  # How often chance gives such a score for any candidate
-    surviving: float  # Share of the square of its signature that is left when the soil is fitted anew
+    # Without a refit, NaN of a pair: largest |t| of its parameters' scores; how often chance gives such a
+    # score for any candidate; share of the square of its signature that is left when the soil is fitted anew
+    score: float = math.nan
+    p_value: float = math.nan
+    surviving: float = math.nan
     # Part of the misfit beyond noise that it accounts for when all is fitted together; NaN where there is
     # none
     explained: float
     # Held-out loss relative to that of the model without it: mean over samples, in units of the noise's
     # variance; negative is better
-    loss: float
-    loss_se: float
+    loss: float = math.nan
+    loss_se: float = math.nan
     # Channel → root mean square of the held-out error with it, SI; of the first
     heldout: dict[str, float]
-    sizes: dict[str, Size]
+    sizes: Mapping[str, Size] = field(default_factory=dict)
     refitted: bool  # Whether it was fitted together with everything else; else all is to first order
     # Channel → noise of what it leaves, SI, of the first: of a worse model, a misfit may pass for noise
     noise: Mapping[str, float] = field(default_factory=dict)

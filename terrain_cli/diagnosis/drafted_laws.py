@@ -278,8 +278,7 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
     if column is not None:
         size = driver_range.size(column)
     read = grammar.written(driver)
-    parameters: dict[str, tuple[str, float, float]] = {}
-    further: dict[str, dict[str, Any]] = {}  # Keys of parameters besides
+    parameters: dict[str, tuple[Any, ...]] = {}  # Unit, null, scale, and what keys there are besides
     factor = _MULTIPLIED.get(form, "")
     term = f"a * {factor.format(read)}"
     if form == "constant":
@@ -304,8 +303,7 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
             low, middle, high, spread = driver_range.ends(column)
             term = f"a * ({read} - middle)^2 + b"
             parameters["a"] = (squared, 0.0, usual / spread**2)
-            parameters["middle"] = (of or "1", middle, spread)
-            further["middle"] = {"lower": low, "upper": high}
+            parameters["middle"] = (of or "1", middle, spread, {"lower": low, "upper": high})
             parameters["b"] = (own, 0.0, usual)
     elif form == "saturating":
         parameters["a"] = (own, 0.0, usual)
@@ -317,16 +315,14 @@ def write(  # noqa: C901, PLR0912, PLR0915 - one branch for each form
     if factor and not shown and column is not None and (typical := driver_range.typical(column)):
         # The soil where the driver is 0 would be an extrapolation, of which no sample tells.
         term = f"a * ({factor.format(read)} - {factor.format('typical')})"
-        parameters["typical"] = (of or "1", typical, driver_range.spread(column))
-        further["typical"] = {"held": _HELD}
+        parameters["typical"] = (of or "1", typical, driver_range.spread(column), {"held": _HELD})
     law = f"{changes} + {term}" if shown and form != "gain" else f"{changes} * (1 + {term})"
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
     does = f"varies with {driver} ({form}; empirical)" if driver else "is off by a constant (empirical)"
     columns = {driver: unit} if unit and is_column(driver) else {}
-    text = _text(
-        name, f"{what} {does}", changes, law, parameters, [driver] if driver else [], columns, further
-    )
+    needs = [driver] if driver else []
+    text = _text(name, f"{what} {does}", changes, law, parameters, needs, columns)
     try:
         effect = effect_file.parse(text)
     except TerrainError:
@@ -358,27 +354,15 @@ def _text(
     title: str,
     changes: str,
     law: str,
-    parameters: Mapping[str, tuple[str, float, float]],
+    parameters: Mapping[str, tuple[Any, ...]],
     needs: Sequence[str],
     columns: Mapping[str, str],
-    further: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> str:
-    lines = [
-        f"id = {toml_files.value(name)}",
-        f"title = {toml_files.value(title)}",
-        f"changes = {toml_files.value(changes)}",
-        f"law = {toml_files.value(law)}",
-        f"needs = {toml_files.value(list(needs))}",
-        'reference = "empirical: drafted from the data, no physics behind it"',
-    ]
+    told = {"id": name, "title": title, "changes": changes, "law": law, "needs": needs}
+    lines = toml_files.lines({**told, "reference": "empirical: drafted from the data, no physics behind it"})
     if columns:
-        lines += ["[columns]", *(f"{toml_files.key(k)} = {toml_files.value(v)}" for k, v in columns.items())]
-    for parameter, (unit, null, scale) in parameters.items():
-        lines += [
-            f"[parameters.{parameter}]",
-            f"unit = {toml_files.value(unit)}",
-            f"null = {toml_files.value(null)}",
-            f"scale = {toml_files.value(driver_range.rounded(scale))}",
-        ]
-        lines += [f"{key} = {toml_files.value(v)}" for key, v in (further or {}).get(parameter, {}).items()]
+        lines += ["[columns]", *toml_files.lines(columns)]
+    for parameter, (unit, null, scale, *more) in parameters.items():
+        own = {"unit": unit, "null": null, "scale": driver_range.rounded(scale)}
+        lines += [f"[parameters.{parameter}]", *toml_files.lines(own), *toml_files.lines(dict(*more))]
     return "\n".join(lines) + "\n"

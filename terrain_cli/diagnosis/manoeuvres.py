@@ -1,7 +1,9 @@
 """Short drives in which one or two things vary, starting from the conditions of a log."""
 
+import tomllib
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -14,15 +16,13 @@ from terrain_cli.telemetry.effect_inputs import RUT
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.quantities import number
 
+_DRIVES = tomllib.loads(Path(__file__).with_name("manoeuvres.toml").read_text("utf-8"))["drives"]
 RATE = 10.0  # Hz
 _WARMER = 40.0  # K by which a motor is warmed
 _SPEED = 0.1  # m/s, where no speed was measured
 #: Sinkage goes with the load to this power where no model predicts it: Bekker's 2/(2n + 1) for n = 1.
 _SINKS = 2.0 / 3.0
 _SPURT = 5.0  # s in which a wheel goes from half of its speed to twice of it, or back
-#: Shares of the load that are left on a lifted wheel, and that a heavy one carries.
-_LIFTED, _HEAVY = 0.1, 2.0
-_BRAKED = -0.2  # Slip of a wheel that brakes
 #: Share of the usual speed below which a wheel that stops and turns round is left out: laws of speed are
 #: not meant for it.
 _MOVING = 0.2
@@ -134,121 +134,35 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
         angle = round(float(np.degrees(at.others.get(name, 0.0))), 1)
         if angle:
             calm[f"{name}_deg"] = angle
-    around = f"for {seconds:.0f} s on the same ground"
-    here = f"at slip {at.slip:.2f}"
-    loaded = f"{number(at.load)} N on the wheel"
-    loads = ", ".join(number(at.load * share) for share in (0.6, 1.0)) + f" and {number(at.load * 1.4)} N"
-    lifted = number(at.load * _LIFTED, 2)
-    speeds = ", ".join(f"{at.speed * share:.2g}" for share in (0.4, 1.0)) + f" and {at.speed * 2.5:.2g} m/s"
-    spurts = [0.5, 2.0] * max(2, round(seconds / (2.0 * _SPURT)))
-    sweep = [0.05, 0.6, 0.05, 0.6, 0.05]
-    # Where nothing slips an error of slip shows as it is, and no soil does.
-    through = [_BRAKED, 0.6] * 3 + [_BRAKED]
-    braked = f"sweep the slip from {_BRAKED} (the wheel brakes) to 0.6 and back"
-    quick = [max(at.slip - 0.15, 0.05), min(at.slip + 0.25, 0.7)] * max(2, round(seconds / 6.0))
-
-    def made(text: str, *varies: str, **part: Any) -> Manoeuvre:
-        whole = {name: value for name, value in {**calm, **part}.items() if value is not None}
-        return Manoeuvre(f"{text}, {around}", whole, frozenset(varies))
-
-    loading = {"steps": [1.0, 0.6, 1.4] * 2}
-    pacing = {"steps": [1.0, 0.4, 2.5] * 2}
-    return [
-        made(f"drive with {loads} on the wheel in turn, {here}", "load", load=loading),
-        made(f"drive at {speeds} in turn, {here} with {loaded}", "speed", speed=pacing),
-        made(f"sweep the slip from 0.05 to 0.6 and back, with {loaded}", "slip", slip=sweep),
-        made(f"drive up and down a slope of 12°, {here}", "pitch", pitch_deg=[0.0, 12.0, -12.0, 12.0, 0.0]),
-        made(
-            f"drive forwards and back in reverse, {here}",
-            "speed",
-            speed={"steps": [1.0, 1.0, 0.0, -1.0, -1.0]},
-        ),
-        made(
-            f"drive while the motor warms from {warm} to {warm + _WARMER:.0f} °C, {here}",
-            "motor_temperature",
-            motor_temperature=[warm, warm + _WARMER],
-        ),
-        made(
-            f"drive out, back and out again on the same track, {here}",
-            "pass_number",
-            drive="passes",
-            speed=None,
-        ),
-        made(
-            f"drive turns to either side with slip angles of up to 12°, {here}",
-            "slip_angle",
-            drive="turns",
-            slip_angle_deg=None,
-        ),
-        made(
-            f"change the slip every 3 s from {quick[0]:.2f} to {quick[1]:.2f} and back, with {loaded}",
-            "rates",
-            slip={"steps": quick},
-        ),
-        made(
-            f"change the slip every 3 s from {quick[0]:.2f} to {quick[1]:.2f} and back, at {speeds} in turn "
-            f"with {loaded}",
-            "rates",
-            "speed",
-            slip={"steps": quick},
-            speed={"steps": [1.0, 0.4, 2.5]},
-        ),
-        made(
-            f"accelerate and brake between {at.speed * 0.5:.2g} and {at.speed * 2.0:.2g} m/s, {here}",
-            "speed",
-            "angular_velocity_rate",
-            speed=spurts,
-        ),
-        made(
-            f"lift the wheel until {lifted} N are left on it, and turn it at {speeds}, {here}",
-            "load",
-            "speed",
-            load=_LIFTED,
-            speed=pacing,
-        ),
-        made(
-            f"drive with {lifted}, {loads} on the wheel in turn, {here}",
-            "load",
-            load={"steps": [1.0, _LIFTED, 0.6, 1.4] * 2},
-        ),
-        made(
-            f"drive with {number(at.load)} and {number(at.load * _HEAVY)} N on the wheel in turn, {here}",
-            "load",
-            load={"steps": [1.0, _HEAVY] * 3},
-        ),
-        made(
-            f"sweep the slip from 0.05 to 0.6 and back with {loads} on the wheel in turn",
-            "load",
-            "slip",
-            load={"steps": [1.0, 0.6, 1.4]},
-            slip=[0.05, 0.6] * 3 + [0.05],
-        ),
-        made(f"{braked}, with {loaded}", "slip", slip=through),
-        made(
-            f"{braked} with {loads} on the wheel in turn",
-            "load",
-            "slip",
-            load={"steps": [1.0, 0.6, 1.4]},
-            slip=through,
-        ),
-        made(
-            f"sweep the slip from 0.05 to 0.6 and back at {speeds}, at each with {loads} in turn",
-            "load",
-            "slip",
-            "speed",
-            load={"steps": [1.0, 0.6, 1.4] * 3},
-            speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(3)]},
-            slip=[0.05, 0.6] * 9 + [0.05],
-        ),
-        made(
-            f"drive at {speeds} in turn, at each with {lifted}, {loads} on the wheel, while the motor warms "
-            f"from {warm} to {warm + _WARMER:.0f} °C in the first half, {here}",
-            "load",
-            "speed",
-            "motor_temperature",
-            load={"steps": [1.0, _LIFTED, 0.6, 1.4] * 3},
-            speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(4)]},
-            # What shows in a few stretches only, heavy and late ones, proves little.
-            motor_temperature=[warm, warm + _WARMER, warm + _WARMER],
-        ),
-    ]
+    quick = [max(at.slip - 0.15, 0.05), min(at.slip + 0.25, 0.7)]
+    series: dict[str, Any] = {
+        "quick": {"steps": quick * max(2, round(seconds / 6.0))},
+        "spurts": [0.5, 2.0] * max(2, round(seconds / (2.0 * _SPURT))),
+        "warming": [warm, warm + _WARMER],
+        "warm-early": [warm, warm + _WARMER, warm + _WARMER],
+    }
+    least, usual, most = (number(at.load * share) for share in (0.6, 1.0, 1.4))
+    slow, same, fast = (f"{at.speed * share:.2g}" for share in (0.4, 1.0, 2.5))
+    words = {
+        "here": f"at slip {at.slip:.2f}",
+        "usual": usual,
+        "loaded": f"{usual} N on the wheel",
+        "loads": f"{least}, {usual} and {most} N",
+        "lifted": number(at.load * 0.1, 2),
+        "heavy": number(at.load * 2.0),
+        "speeds": f"{slow}, {same} and {fast} m/s",
+        "slow": f"{at.speed * 0.5:.2g}",
+        "fast": f"{at.speed * 2.0:.2g}",
+        "quicker": f"from {quick[0]:.2f} to {quick[1]:.2f} and back",
+        "warmer": f"from {warm} to {warm + _WARMER:.0f} °C",
+    }
+    ending = f", for {seconds:.0f} s on the same ground"
+    found = []
+    for one in _DRIVES:
+        own = {
+            name: series.get(value, value) if isinstance(value, str) else value for name, value in one.items()
+        }
+        text, varies, without = own.pop("text"), own.pop("varies"), own.pop("without", None)
+        part = {name: value for name, value in {**calm, **own}.items() if name != without}
+        found.append(Manoeuvre(text.format(**words) + ending, part, frozenset(varies)))
+    return found

@@ -107,7 +107,10 @@ def enough_with(
 def enough(effects: Sequence[Effect], count: int) -> str:
     """Say on how many soils two models are compared, of which one has some effects."""
     soils = counted(count, "soil")
-    return f"with {listed([one.id for one in effects])}, {soils} will do; both models are compared on {soils}"
+    needed = "are enough" if count > 1 else "is enough"
+    return (
+        f"with {listed([one.id for one in effects])}, {soils} {needed}; both models are compared on {soils}"
+    )
 
 
 def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, list[str]] | None:

@@ -70,10 +70,12 @@ class Ranked:
         """The wheels with that one, as `compare` fits a model."""
         return [refits.fitted_anew(wheel, self.lowest[0]) for wheel in self.data.wheels if self.lowest]
 
-    @property
+    @cached_property
     def first_anew(self) -> list[FittedWheel]:
-        """The same of the first one, where that is known."""
-        return self.anew if self.several and self.several[0] is self.lowest else []
+        """The same with the first one."""
+        if self.several and self.several[0] is self.lowest:
+            return self.anew
+        return [refits.fitted_anew(wheel, one) for one, _ in self.several[:1] for wheel in self.data.wheels]
 
     @property
     def taken(self) -> float:
@@ -263,11 +265,11 @@ def outside_the_catalogue(ranked: Ranked, found: Family, two: Two) -> tuple[Unkn
     pair = two.fitted[0][1] if two.fitted else None
 
     def share(one: outside_catalogue.Tried | None) -> float:
-        first = one.hypothesis if one else ranked.several[0][0] if ranked.several else None
-        if first is None:
+        wheels = ranked.first_anew
+        if one:
+            wheels = [refits.fitted_anew(wheel, one.hypothesis) for wheel in ranked.data.wheels]
+        elif not ranked.several:
             return math.nan
-        wheels = [] if one else ranked.first_anew
-        wheels = wheels or [refits.fitted_anew(wheel, first) for wheel in ranked.data.wheels]
         return share_taken(ranked.log.comparison, as_it_is(ranked.log), held_out_errors(ranked.log, wheels))
 
     return outside_catalogue.verdict(
@@ -360,8 +362,7 @@ def late_takes_most(ranked: Ranked) -> bool:
     """Tell whether one that is late leads, and takes most off the errors that every verb prints."""
     if not ranked.several or not ranked.several[0][0].late:
         return False
-    log, first = ranked.log, ranked.several[0][0]
-    wheels = ranked.first_anew or [refits.fitted_anew(wheel, first) for wheel in ranked.data.wheels]
+    log, wheels = ranked.log, ranked.first_anew
     noise = {name: pooled_noise(wheels, name) for name in log.comparison.channels}
     share = share_taken(log.comparison, as_it_is(log), held_out_errors(log, wheels), noise)
     return share >= 1.0 - criteria.DRAFT_LEFT

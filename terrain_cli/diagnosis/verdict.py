@@ -93,8 +93,8 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
     """
     if diagnosis.verdict == "none" and diagnosis.alarm.small:
         small = f"{diagnosis.alarm.size[:1].upper()}{diagnosis.alarm.size[1:]}"
-        least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
-        return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
+        least = f"less than the {100 * diagnosis.alarm.smallest_share:.2g} % that an alarm needs"
+        return f"{small}. That is not chance, but {least}."
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "none":
         return _nothing(diagnosis, seen)
@@ -116,7 +116,8 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     most = max(shares, default=math.nan)
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     if most <= criteria.STEPS_SHARE and not diagnosis.together:
-        return f"No effect explains most of it: {listed(credible, 'or')} at most {most:.0%}.{better}"
+        least = listed(credible, "or")
+        return f"No effect explains most of the misfit: {least} explains at most {most:.0%}.{better}"
     told = _told(first)
     named = {name: f"{name} ({doubts[name]})" if name in doubts else name for name in diagnosis.family[1:]}
     doubtful = [name for name in named if name in doubts and first.effect not in doubts]
@@ -153,7 +154,7 @@ def _together(diagnosis: Diagnosis, told: str, alone: Sequence[str], doubtful: s
     both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
     if diagnosis.together_or:
         pairs = listed([" with ".join(pair) for pair in diagnosis.together_or], "or")
-        both += f" So may {pairs}: these data cannot tell which."
+        both += f" Nearly as good: {pairs}. These data cannot tell which."
     if {*diagnosis.together} == {*diagnosis.family}:
         return both
     are = "s are" if len(alone) > 1 else " is"
@@ -178,10 +179,10 @@ def _nothing(diagnosis: Diagnosis, seen: str) -> str:
     if seen or above_noise(over_noise(diagnosis.comparison)):
         return f"{seen}No effect explains the misfit."
     if diagnosis.comparison.impossible:
-        return "No effect shows beside a soil that is physically impossible."
+        return "The fitted soil is physically impossible, and no effect explains it."
     if diagnosis.alarm.idle:
         cause = diagnosis.alarm.cause
-        return f"What is left follows {cause} more than by chance, but no held-out error falls with it."
+        return f"The residuals look like {cause}, and not by chance, but no held-out error falls with it."
     few = blocks < comparison_criteria.FEWEST_BLOCKS
     doubt = f"No effect shows, but {too_few(blocks)} to rule one out."
     return doubt if few else "The data show no missing effect."

@@ -124,9 +124,10 @@ def _deviations(found: Array, windows: Windows, method: LineMethod) -> Array:
         moved.append(0.5 * (more - less))
     triangles = list(product(_SHAPES, _EXPONENTS))
     for under in triangles:
+        forces = _under_wheel(windows, *under)
 
-        def estimated(soil: Array, under: tuple[tuple[float, float], float] = under) -> Array:
-            return line(geometry, {**measured, **_under_wheel(windows, soil, *under)})
+        def estimated(soil: Array, forces: Callable[[Array], dict[str, Array]] = forces) -> Array:
+            return line(geometry, {**measured, **forces(soil)})
 
         moved.append((found - _origin(found, estimated)) / np.sqrt(len(triangles)))
     return np.nan_to_num(np.array(moved).transpose(2, 1, 0), posinf=0.0, neginf=0.0)
@@ -149,25 +150,24 @@ def _origin(found: Array, estimated: Callable[[Array], Array]) -> Array:
 
 
 def _under_wheel(
-    windows: Windows, soil: Array, shape: tuple[float, float], exponent: float
-) -> dict[str, Array]:
-    """Return load and torque by the full model on soils (c, tan φ), at the sinkages and slips measured."""
+    windows: Windows, shape: tuple[float, float], exponent: float
+) -> Callable[[Array], dict[str, Array]]:
+    """Return load and torque by the full model, as a function of soils (c, tan φ), at what was measured."""
     geometry, measured, count = windows.samples.geometry, windows.measured(), np.diff(windows.bounds)
-    cohesion, tan_phi = (np.repeat(np.nan_to_num(column), count) for column in soil)
     entry = linear.entry_angle(measured["sinkage"], geometry.radius)
     number = len(entry)
 
-    def forces(stiffness: Array, c: Array) -> Array:
+    def forces(stiffness: float, c: float, tan_phi: float) -> Array:
         found, _ = contact.forces(
             contact.Contact(
                 entry_angle=entry,
                 max_stress_angle=(shape[0] + shape[1] * measured["slip"]) * entry,
                 exit_angle=np.zeros(number),
                 slip=measured["slip"],
-                cohesion=c,
-                tan_phi=tan_phi,
+                cohesion=np.full(number, c),
+                tan_phi=np.full(number, tan_phi),
                 shear_modulus=np.full(number, geometry.shear_modulus),
-                stiffness=stiffness,
+                stiffness=np.full(number, stiffness),
                 sinkage_exponent=np.full(number, exponent),
                 radius=np.full(number, geometry.radius),
                 shear_radius=np.full(number, geometry.radius),
@@ -177,12 +177,19 @@ def _under_wheel(
         )
         return found
 
-    # The forces are linear in keq and c.
-    of_c, of_stiffness = forces(np.zeros(number), cohesion), forces(np.ones(number), np.zeros(number))
-    carried = np.maximum(measured["load"] - of_c[0], 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stiffness = segment_sum(carried * of_stiffness[0], windows.bounds) / segment_sum(
-            of_stiffness[0] ** 2, windows.bounds
-        )
-    total = of_c + np.repeat(np.nan_to_num(stiffness), count) * of_stiffness
-    return {"load": total[0], "torque": total[1]}
+    # The forces are linear in keq, in c, and in tan φ where keq is given.
+    of_c, normal, both = forces(0.0, 1.0, 0.0), forces(1.0, 0.0, 0.0), forces(1.0, 0.0, 1.0)
+    sheared = both - normal
+
+    def under(soil: Array) -> dict[str, Array]:
+        cohesion, tan_phi = (np.repeat(np.nan_to_num(column), count) for column in soil)
+        of_stiffness = normal + tan_phi * sheared
+        carried = np.maximum(measured["load"] - cohesion * of_c[0], 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            stiffness = segment_sum(carried * of_stiffness[0], windows.bounds) / segment_sum(
+                of_stiffness[0] ** 2, windows.bounds
+            )
+        total = cohesion * of_c + np.repeat(np.nan_to_num(stiffness), count) * of_stiffness
+        return {"load": total[0], "torque": total[1]}
+
+    return under

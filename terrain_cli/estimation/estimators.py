@@ -1,6 +1,6 @@
 """The estimator that goes with a model, and the fit of a whole model to the windows of a wheel."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -47,6 +47,19 @@ class Fitted:
     noise: Noise | None = None  # Of the full model: where a fit of more of these samples may begin
 
 
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """What is asked of every fit."""
+
+    min_samples: int | None = None  # Windows with fewer get the status "too-few-samples"; 5 if not given
+    folds: int | None = None  # δ of the ridge is chosen over so many blocks, not leaving one sample out
+    robust: bool = False  # Wild samples have little weight in the fit of a whole model
+    at_stress: float | None = None  # In Pa, at which strengths of all windows are compared
+
+
+_USUAL = FitOptions()
+
+
 def common_stress(stress: float | None, estimates: WindowEstimates) -> float | None:
     """Return the stress in Pa at which the next wheel or log is compared: that given, or the last one."""
     if stress is not None or np.isnan(found := stress_of_all(estimates)):
@@ -76,13 +89,13 @@ def choose(
     if file is None or file.plain:
         if robust:
             raise UsageError(
-                "--robust is for the full model, or one with effects",
+                "--robust is for the full model, or a model with effects",
                 hint="add --method wong-reece, or --model FILE",
             )
         return None
     if method not in {"auto", "wong-reece"}:
         raise UsageError(
-            f"--method {method} is an estimator of the linear model, and --model {name} is more than that",
+            f"--method {method} is an estimator of the linear model, and --model {name} is another model",
             hint="leave out --method, or --model",
         )
     return file
@@ -94,22 +107,18 @@ def full_model() -> ModelFile:
 
 
 def estimate_lines(
-    windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
+    windows: Windows, method: LineMethod = "auto", options: FitOptions = _USUAL
 ) -> WindowEstimates:
-    """Estimate cohesion and friction angle in every window of a wheel, where it does not skid, by the line.
-
-    Windows with fewer than `min_samples` (5 if not given) get the status "too-few-samples". With `folds`, δ
-    of the ridge is chosen over so many contiguous blocks instead of leaving one sample out.
-    """
+    """Estimate c and φ in every window of a wheel, where it does not skid, by the line."""
     samples, windows = windows.samples, windows.on_line()
     return estimation.estimate_windows(
         windows.line_columns,
         windows.bounds,
         samples.geometry.line,
         method=method,
-        min_samples=FIT_SAMPLES if min_samples is None else min_samples,
+        min_samples=FIT_SAMPLES if options.min_samples is None else options.min_samples,
         correlated=samples.time is not None,
-        folds=folds,
+        folds=options.folds,
     )
 
 
@@ -117,21 +126,18 @@ def estimate(
     windows: Windows,
     method: Method = "auto",
     file: ModelFile | None = None,
+    options: FitOptions = _USUAL,
     *,
-    min_samples: int | None = None,
-    folds: int | None = None,
-    robust: bool = False,
-    at_stress: float | None = None,
     joint: int = 0,
     begun: Noise | None = None,
     needed: Callable[[Windows, ModelFile], Windows] | None = None,
 ) -> Fitted:
     """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
-    Strengths of all windows are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows,
-    evenly spread, the joint posterior of c and φ is found as well. Learning the noise begins where it has
-    `begun`: with that of a fit of most of these samples. Where the model misses windows that were cut where
-    the soil seems to change, `needed` says which of the cuts it needs (`comparison.needed_segments`).
+    Of `joint` windows, evenly spread, the joint posterior of c and φ is found as well. Learning the noise
+    begins where it has `begun`: with that of a fit of most of these samples. Where the model misses windows
+    that were cut where the soil seems to change, `needed` says which of the cuts it needs
+    (`comparison.needed_segments`).
     """
     if (
         file is not None
@@ -141,15 +147,15 @@ def estimate(
     ):
         windows.samples.remarks.append(
             f"{len(windows):,} segments, too many for the full model: c and φ are from the linear "
-            "model; --method wong-reece fits the full model all the same"
+            "model; --method wong-reece fits the full model in any case"
         )
         file = None
     asked = fit_account.chosen(windows, joint)
     of_line = cast("LineMethod", "auto" if file else method)
-    line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
+    line = estimate_lines(windows, of_line, options)
     if file is None:
         driving = windows.on_line()
-        line = with_strengths(with_assumptions(line, driving, of_line), driving, at_stress)
+        line = with_strengths(with_assumptions(line, driving, of_line), driving, options.at_stress)
         return Fitted(windows, line, joint=fit_account.of_line(line, asked))
     own, whole, windows = file, windows, windows.thinned(_MOST)
     rivals = models.rivals(file)
@@ -157,8 +163,7 @@ def estimate(
     channels = {**beside, **_channels(windows)}
     file = with_stated_errors(file, windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
-    least = min_samples or FIT_SAMPLES
-    run = partial(_fit, windows, file, held=held, min_samples=least, robust=robust, joint=asked, begun=begun)
+    run = partial(_fit, windows, file, options, held=held, joint=asked, begun=begun)
 
     def past_of(found: Fit) -> dict[str, Any]:
         every = {**with_rivals(with_contact(own), whole, rivals)[1], **_channels(whole)}
@@ -172,24 +177,30 @@ def estimate(
     if needed is not None and whole.by_soil and len(whole) > 1 and fit.missed.any():
         fewer = needed(whole, own)
         if len(fewer) < len(whole):
-            return estimate(
-                fewer,
-                method,
-                own,
-                min_samples=min_samples,
-                folds=folds,
-                robust=robust,
-                at_stress=at_stress,
-                joint=joint,
-                begun=begun,
-            )
+            return estimate(fewer, method, own, options, joint=joint, begun=begun)
     remarks = windows.samples.remarks
     remarks += [text for text in fit.impossible(held) if text not in remarks]
-    estimates = of_fit(fit, line, whole, at_stress)
+    estimates = of_fit(fit, line, whole, options.at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
     told = account(windows, file, fit, held, because)
     told["rivals"] = [rival.id for rival in rivals if rival in file.model.effects]
     return Fitted(whole, estimates, told, posteriors, fit.noise)
+
+
+def estimate_each(
+    wheels: Iterable[Windows],
+    method: Method,
+    file: ModelFile | None,
+    options: FitOptions,
+    *,
+    joint: int = 0,
+    needed: Callable[[Windows, ModelFile], Windows] | None = None,
+) -> Iterator[Fitted]:
+    """Estimate the soil of one wheel after another, all at one stress; see `estimate`."""
+    for windows in wheels:
+        fitted = estimate(windows, method, file, options, joint=joint, needed=needed)
+        options = replace(options, at_stress=common_stress(options.at_stress, fitted.estimates))
+        yield fitted
 
 
 def _channels(windows: Windows) -> dict[str, Array]:
@@ -264,11 +275,10 @@ def _held(
 def _fit(
     windows: Windows,
     file: ModelFile,
+    options: FitOptions,
     channels: Mapping[str, Array],
     *,
     held: Mapping[str, float],
-    min_samples: int,
-    robust: bool,
     joint: Collection[int],
     begun: Noise | None,
     near: Fit | None,
@@ -290,10 +300,10 @@ def _fit(
             shared=[name for name in file.shared if name not in held],
             local=[name for name in file.local if name not in held],
             noise=noise,
-            robust=robust,
+            robust=options.robust,
             correlated=time is not None,
             second=wheel_fit.samples_a_second(time),
-            min_samples=min_samples,
+            min_samples=options.min_samples or FIT_SAMPLES,
             joint=joint,
             begun=begun,
             near=near,
@@ -339,10 +349,7 @@ class EstimateRequest:
 
     wheels: Sequence[Windows]  # As they were cut: neither joined nor thinned
     file: ModelFile  # Of which the line is estimated where it is plain
-    min_samples: int | None = None  # min_samples, folds, robust: as for `estimators.estimate`
-    folds: int | None = None
-    robust: bool = False
-    at_stress: float | None = None  # In kPa
+    options: FitOptions = _USUAL
     needed: Callable[[Windows, ModelFile], Windows] | None = None  # As for `estimators.estimate`
 
     @cached_property
@@ -351,31 +358,11 @@ class EstimateRequest:
 
         None without torque or sinkage, where `estimate` has no answer.
         """
-        file = choose("auto", self.file, robust=self.robust)
-        stress = self.stress
-        found: list[tuple[Bounds, WindowEstimates] | None] = []
-        for windows in self.wheels:
-            if not windows.lined:
-                found.append(None)
-                continue
-            fitted = estimate(
-                windows,
-                "auto",
-                file,
-                min_samples=self.min_samples,
-                folds=self.folds,
-                robust=self.robust,
-                at_stress=stress,
-                needed=self.needed,
-            )
-            stress = common_stress(stress, fitted.estimates)
-            found.append((fitted.windows.bounds, fitted.estimates))
-        return found
-
-    @property
-    def stress(self) -> float | None:
-        """`at_stress` in Pa."""
-        return None if self.at_stress is None else 1e3 * self.at_stress
+        file = choose("auto", self.file, robust=self.options.robust)
+        lined = [windows for windows in self.wheels if windows.lined]
+        each = estimate_each(lined, "auto", file, self.options, needed=self.needed)
+        found = ((fitted.windows.bounds, fitted.estimates) for fitted in each)
+        return [next(found) if windows.lined else None for windows in self.wheels]
 
 
 def estimates_of(asked: Sequence[EstimateRequest]) -> list[list[tuple[Bounds, WindowEstimates] | None]]:

@@ -17,7 +17,9 @@ DOUBTED = criterion(
 )
 
 """How many are considered?"""
-MOST_EFFECTS = criterion(8, "effects in a model; if more seem to be missing, the model is not the cause")
+MOST_EFFECTS = criterion(
+    8, "largest number of effects in a model; if more seem to be missing, something else is wrong"
+)
 
 """Which change of an error counts?"""
 LEAST_CHANGE = criterion(

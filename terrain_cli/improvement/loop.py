@@ -172,7 +172,7 @@ def _proposed(
         if evidence.misses or evidence.tracked:
             why = f"no {further}effect explains {left}"
         elif evidence.impossible:
-            why = f"no {further}effect shows beside a soil that is physically impossible"
+            why = f"the fitted soil is physically impossible, and no {further}effect explains it"
         return likely, why
     both = [found.together] if found.together else []
     if found.together[:1] == (models.STRESSES,):

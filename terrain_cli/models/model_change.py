@@ -60,7 +60,10 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
         prior = Prior(float(f"{expected.mean:.4g}"), float(f"{expected.sd:.4g}"))
         fixed = {name: value for name, value in file.fixed.items() if name != _K}
         return replace(file, fixed=fixed, priors={**file.priors, _K: prior})
-    raise UsageError(f"the model does not make the assumption {name}", hint="terrain-est model show tells")
+    raise UsageError(
+        f"the model does not make the assumption {name}",
+        hint="terrain-est model show FILE lists what it assumes",
+    )
 
 
 def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
@@ -255,7 +258,7 @@ def _place(file: ModelFile, name: str) -> int:
             return paths.index((folder / name).resolve())
     raise UsageError(
         f"the model has no effect {name}{nearest(name, ids)}",
-        hint=f"it has {', '.join(ids)}" if ids else "it has none",
+        hint=f"it has {', '.join(ids)}" if ids else "it has no effects",
     )
 
 

@@ -92,7 +92,11 @@ def load(path: str | Path) -> ModelFile:
     text = toml_files.read_text(path)
     content = toml_files.parse(text, path)
     if content.get("format") != FORMAT:
-        said = f"format is {content['format']!r}" if "format" in content else "format is missing"
+        said = (
+            f"format is {content['format']!r}"
+            if "format" in content
+            else "is not a model file: the key format is missing"
+        )
         raise ConfigurationError(f"{path}: {said}", hint=f'this version reads format = "{FORMAT}"')
     content = _FILE(content, f"{path}: ")
     toml_files.require(content, str(path), "base")
@@ -248,18 +252,18 @@ def new(file: ModelFile) -> str:
         f"effects = {toml_files.value(file.effects)}",
     ]
     if file.shared:
-        lines += ["# One value for all windows of a wheel.", f"shared = {toml_files.value(file.shared)}"]
+        lines += ["# One value for all segments of a wheel.", f"shared = {toml_files.value(file.shared)}"]
     lines += [
         "",
-        "# Parameters held at a value; the others are estimated, those of the soil window by window.",
+        "# Parameters held at a value; the others are estimated, those of the soil in each segment.",
         f"# Of the soil: {soil}.",
         "# Of the effects: by the names and in the units that terrain-est model show lists.",
         "[fixed]",
-        *_pairs(_tables(file)["fixed"], ()),
+        *toml_files.lines(_tables(file)["fixed"]),
     ]
     if file.priors:
         lines += ["", "# What is known beforehand: mean and standard deviation.", "[priors]"]
-        lines += _pairs(_tables(file)["priors"], ())
+        lines += toml_files.lines(_tables(file)["priors"])
     for entry in file.history:
         lines += _entry(entry)
     return "\n".join(lines) + "\n"
@@ -287,7 +291,7 @@ def _changed(file: ModelFile) -> str:
         if name in document:
             document[name] = _item(value)
         else:
-            _put_behind(_last(document), _pairs({name: value}, ()))
+            _put_behind(_last(document), toml_files.lines({name: value}))
     for name, entries in _tables(file).items():
         _set_table(document, name, entries)
     lines = [line for entry in file.history[len(before.get("history", ())) :] for line in _entry(entry)]
@@ -308,7 +312,7 @@ def _set_table(document: TOMLDocument, name: str, entries: Mapping[str, Any]) ->
             del place[key]
         elif missing.pop(own) != value:
             place[key] = _item(entries[own])
-    lines = _pairs(missing, ())
+    lines = toml_files.lines(missing)
     if not lines:
         return
     if table is None:
@@ -355,21 +359,13 @@ def _tables(file: ModelFile) -> dict[str, dict[str, Any]]:
     return {"fixed": fixed, "priors": priors}
 
 
-def _pairs(entries: Mapping[str, Any], before: tuple[str, ...]) -> list[str]:
-    start = "".join(f"{toml_files.key(name)}." for name in before)
-    return [
-        f"{start}{toml_files.key(name)} = {toml_files.value(value)}"
-        for name, value in entries.items()
-        if value is not None
-    ]
-
-
 def _entry(entry: Mapping[str, Any]) -> list[str]:
     """Write an entry of the history; of tables in it each row on a line of its own."""
     lines = ["", "[[history]]"]
     for name, value in entry.items():
         nested = isinstance(value, Mapping) and all(isinstance(inner, Mapping) for inner in value.values())
-        lines += _pairs(value, (name,)) if nested and value else _pairs({name: value}, ())
+        rows = nested and bool(value)
+        lines += toml_files.lines(value if rows else {name: value}, f"{toml_files.key(name)}." * rows)
     return lines
 
 

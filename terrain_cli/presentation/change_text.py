@@ -29,7 +29,7 @@ _MOST_ROWS = 12  # Rows of a table that a person reads
 def verdict(step: Step) -> str:
     """Say what held-out data say of a change, and what became of it."""
     what = f"{listed(step.changed)} {'is' if len(step.changed) == 1 else 'are'}"
-    kept = f"{what} {'added all the same, as --keep asks' if step.kept else 'not added'}"
+    kept = f"{what} {'added in spite of this, as --keep asks' if step.kept else 'not added'}"
     if step.action == "remove":
         return f"{what} removed{', though it pays' if step.costs else ''}: {found(step)}"
     if step.pays and step.confirmation is not None:
@@ -62,9 +62,7 @@ def doubt(step: Step) -> str:
         return what
     if not step.next_drive.settings:
         return f"{what}: {step.next_drive.manoeuvre}"
-    return (
-        f"{what}; to tell, {step.next_drive.manoeuvre} (settles it in {step.next_drive.power:.0%} of cases)"
-    )
+    return f"{what}; to tell, {step.next_drive.manoeuvre} (decides in {step.next_drive.power:.0%} of cases)"
 
 
 def found(step: Step) -> str:

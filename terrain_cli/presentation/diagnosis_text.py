@@ -155,7 +155,7 @@ def _drives(diagnosis: Diagnosis) -> list[str]:
     pairs: dict[tuple[str, str], list[str]] = {}
     for drive in diagnosis.next_drive:
         first, second = drive.pair
-        power = f" (settles it in {drive.power:.0%} of cases)" * bool(drive.settings)
+        power = f" (decides in {drive.power:.0%} of cases)" * bool(drive.settings)
         # The first sentence says which.
         drafted = diagnosis.unknown is not None and second not in effects
         rival = "that error of a sensor" if drafted else second

@@ -127,7 +127,7 @@ def _summary(effect: Effect) -> list[str]:
     return [
         *_field("what", how),
         *_field("law", effect.formula),
-        *_field("needs", _needed(effect) or "nothing beyond what every model does"),
+        *_field("needs", _needed(effect) or "no channel beyond those of every model"),
     ]
 
 

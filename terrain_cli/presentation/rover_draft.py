@@ -60,7 +60,7 @@ def _tables(found: Holdings) -> dict[str, list[str]]:
     layout, raws = found.layout, found.raws
     tables: dict[str, list[str]] = {_SHARED: []}
     if column := layout.labels.get(""):
-        tables[_SHARED].append(f"wheel = {{ column = {toml_files.value(column)} }}")
+        tables[_SHARED].append(f"wheel = {toml_files.value({'column': column})}")
     own_lines = _OWN.format(why=_IN_TURNS if _turns(found) else _FOR_LOADS).splitlines()
     for raw in raws:
         key = toml_files.key(raw.wheel)
@@ -117,18 +117,17 @@ def _line(found: Holdings, raw: Raw, feed: Feed) -> str:
     if len(feed.fields) > 1 and not feed.topic:
         return f"# {feed.channel}: {in_line(feed.place)}, found without a line here"
     known = feed.unit is None or feed.unit.symbol == "1" or _has_unit(found, feed)
-    place = rover_advice.place(feed)
+    keys = rover_advice.place(feed)
     if feed.topic and (feed.of_body or feed.combine or not known):
         # Without a field it is read as it was found.
-        place = ", ".join(part for part in place.split(", ") if not part.startswith("field = "))
-    keys = [place]
+        keys.pop("field", None)
     if feed.unit and known and feed.unit.symbol != "1":
-        keys.append(f"unit = {toml_files.value(feed.unit.symbol)}")
+        keys["unit"] = feed.unit.symbol
     if feed.unit and not known:
         remarks.append(f"no unit is stated: taken as {feed.unit.symbol}")
     remarks.append("" if feed.note == "converted" else feed.note)
     told = "; ".join(filter(None, map(in_line, remarks)))
-    return f"{feed.channel} = {{ {', '.join(keys)} }}" + f"  # {told}" * bool(told)
+    return f"{feed.channel} = {toml_files.value(keys)}" + f"  # {told}" * bool(told)
 
 
 def _has_unit(found: Holdings, feed: Feed) -> bool:

@@ -180,7 +180,7 @@ def remark(output: str | None, crs: str | None) -> str:
 
 def result_kind(path: str) -> str:
     """Tell from its name how results are written."""
-    return "mcap" if Path(path).suffix.lower() == ".mcap" else formats.output_kind(path)
+    return "mcap" if Path(path).suffix.lower() == ".mcap" else formats.output_kind(path, ".mcap")
 
 
 class GrowingTable:

@@ -110,7 +110,7 @@ def text(
             lines += [f"  {name}: {how}" for name, how in derived.items()]
             lines += _model_text(wheel["model"])
         if entry["rows_skipped"]:
-            lines.append(f"  skipped: {entry['rows_skipped']} rows that are not whole")
+            lines.append(f"  skipped: {entry['rows_skipped']} incomplete rows")
         lines += [f"  {remark}" for remark in dict.fromkeys(r for w in entry["wheels"] for r in w["remarks"])]
     unnamed = summary["settings"]["segments"] == "auto" and not any(table["terrain"])
     rows = _segment_rows(table) if unnamed else _terrain_rows(summary["terrains"])
@@ -221,7 +221,8 @@ MEANINGS = {
     "ill-conditioned": "c and φ depend on the ridge penalty δ; only the strength is reliable",
     "not-separable": "c and φ cannot be separated: the load varies too little for the noise, "
     "or k is uncertain",
-    "out-of-range": "c is negative or φ is outside 0 to 60°: noise if within its error, else a wrong model",
+    "out-of-range": "c is negative or φ is outside 0 to 60°: noise if by less than its error, else "
+    "a wrong model",
     "at-bound": "a parameter is at the limit of its plausible range, or far from what rover.toml says of it",
     "prior-bound": "the data do not determine c or φ (left empty)",
     "model-misses": "the soil varies or an effect is missing: c and φ may be off",

@@ -37,6 +37,8 @@ def load(path: str | Path | None) -> vehicle.Rover:
     if path is None:
         return vehicle.Rover()
     path = Path(path)
+    if not path.exists():
+        raise ConfigurationError(f"{path}: no such file", hint=f"terrain-est init LOG -o {path} drafts one")
     content = toml_files.parse(toml_files.read_text(path), path)
     return _rover(path, _FILE(content, f"{path}: "))
 

@@ -157,10 +157,8 @@ class LongWheel:
             self._pending = [samples.taken(np.arange(end, n))]
 
     def _keep(self, cut: Windows) -> None:
-        given = self._settings
-        fitted = estimators.estimate(
-            cut, given.method, min_samples=given.min_samples, folds=given.folds, at_stress=self._stress
-        )
+        given = replace(self._settings.of_fits, at_stress=self._stress)
+        fitted = estimators.estimate(cut, self._settings.method, None, given)
         if len(cut):
             self._stress = float(fitted.estimates.stress[0])
         table = segment_table.table(cut, fitted.estimates)

@@ -1,7 +1,7 @@
 """One input from file to table: read, cut into windows, estimate."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import formats
@@ -98,8 +98,7 @@ def run(
             cut,
             settings.method,
             file,
-            **settings.of_fits,
-            at_stress=stress,
+            replace(settings.of_fits, at_stress=stress),
             joint=settings.joint,
             needed=_needed_segments,
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from terrain_cli.estimation.estimators import FitOptions
     from terrain_cli.models import ModelFile
     from terrain_cli.vocabulary.choices import Method, Segments
     from terrain_cli.windows.locations import Places
@@ -44,9 +45,12 @@ class Settings:
         return None if self.at_stress is None else 1e3 * self.at_stress  # Pa
 
     @property
-    def of_fits(self) -> dict[str, Any]:
+    def of_fits(self) -> FitOptions:
         """What every estimator is told."""
-        return {"min_samples": self.min_samples, "folds": self.folds, "robust": self.robust}
+        from terrain_cli.estimation.estimators import FitOptions
+
+        least, folds, robust = self.min_samples, self.folds, self.robust
+        return FitOptions(min_samples=least, folds=folds, robust=robust, at_stress=self.stress)
 
     def document(self) -> dict[str, Any]:
         """Return what a summary says of them, ready for JSON."""

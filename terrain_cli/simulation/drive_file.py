@@ -11,8 +11,8 @@ from terrain_cli import models
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.wheel_model import WheelGeometry
 from terrain_cli.simulation import perfect_sensors, scenario
-from terrain_cli.simulation.scenario import KEYS, Chosen, DrivePart, Scenario
-from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
+from terrain_cli.simulation.scenario import Chosen, DrivePart, Scenario
+from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, KEYS, sensors_rule
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY

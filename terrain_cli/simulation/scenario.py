@@ -14,7 +14,7 @@ from terrain_cli import models
 from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
-from terrain_cli.simulation.sensors import Sensor
+from terrain_cli.simulation.sensors import KEYS, Sensor
 from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.choices import Base
@@ -69,7 +69,6 @@ SOILS: dict[str, Soil] = {
     for name, (n, kc, kphi, c, phi) in soils.items()
 }
 
-KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("drive_keys.toml").read_text("utf-8"))
 _SOIL = toml_files.rules(KEYS["soil"])
 
 

@@ -2,9 +2,11 @@
 
 import math
 import re
+import tomllib
 import zlib
 from dataclasses import asdict, dataclass, field
 from itertools import accumulate
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from terrain_cli.vocabulary.arrays import Array, Mask
 from terrain_cli.vocabulary.channels import CHANNELS, unit_hint
 from terrain_cli.vocabulary.toml_files import Rule
 
+KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("drive_keys.toml").read_text("utf-8"))
 #: Channels that a drive has, in the order of the table.
 CHANNELS_WRITTEN = (
     *("load", "torque", "sinkage", "angular_velocity", "velocity", "drawbar_pull"),
@@ -189,7 +192,6 @@ def share_rule(value: Any, place: str) -> float:
 def sensor_rule(channel: str) -> Rule:
     """Return the rule for the sensor of a channel: an amount of white noise, or a table."""
     amount = amount_rule(channel)
-    seconds = toml_files.number("a positive number of seconds", toml_files.ABOVE_ZERO)
 
     def quantum(value: Any, place: str) -> float:
         step: SensorAmount = amount(value, place)
@@ -197,19 +199,8 @@ def sensor_rule(channel: str) -> Rule:
             raise ConfigurationError(f"{place}: a step is no share of the value")
         return step.absolute
 
-    table = toml_files.table(
-        {
-            "white": amount,
-            "correlated": amount,
-            "correlation_time": seconds,
-            "drift": amount,
-            "outliers": share_rule,
-            "outlier_size": amount,
-            "dropouts": share_rule,
-            "dropout_length": seconds,
-            "quantum": quantum,
-        }
-    )
+    known: dict[str, Rule] = {"amount": amount, "share": share_rule, "quantum": quantum}
+    table = toml_files.rules(KEYS["sensor"], known)
 
     def rule(value: Any, place: str) -> Sensor:
         if isinstance(value, dict):

@@ -139,7 +139,7 @@ class FollowedWheel:
             self._watch.begin()
         if self._segment.count:
             held = self._segment.whole()
-            self._line.add(_driving(held, *cut_windows.line(held, np.arange(len(held)))))
+            self._line.add(_driving(held, cut_windows.line(held, np.arange(len(held)))))
 
     def take(self, part: Samples) -> Iterator[segment_table.Table]:
         """Take the samples that follow; yield the row of each segment that they close."""
@@ -192,7 +192,7 @@ class FollowedWheel:
             self._segment.add(replace(piece, channels=kept))
         else:
             self._segment.add(piece)
-        self._line.add(_driving(piece, *line))
+        self._line.add(_driving(piece, line))
         if self._settings.segments == "auto":
             yield from self._search(piece, place, line)
         self._look(piece)
@@ -258,11 +258,8 @@ class FollowedWheel:
     ) -> tuple[cut_windows.Windows, Fitted]:
         parts = [replace(part, stretch=np.full(len(part), place)) for place, part in enumerate(segments)]
         cut = cut_windows.cut(joined(parts), "none")
-        given = self._settings
-        fitted = estimators.estimate(
-            cut, given.method, self._file, **given.of_fits, at_stress=stress.value, begun=begun
-        )
-        return cut, fitted
+        given = replace(self._settings.of_fits, at_stress=stress.value)
+        return cut, estimators.estimate(cut, self._settings.method, self._file, given, begun=begun)
 
     def again(self, stress: CommonStress) -> list[segment_table.Table]:
         """Return the rows held, with what a fit of all their segments says; none of the line alone."""
@@ -319,7 +316,7 @@ class FollowedWheel:
         cut = cut_windows.cut(whole, "none").on_line()
         if not len(cut.rows):
             return None
-        line = estimators.estimate_lines(cut, "recursive", min_samples=self._settings.min_samples)
+        line = estimators.estimate_lines(cut, "recursive", self._settings.of_fits)
         if self._moved is None:
             self._moved = assumed.deviations(line, cut, "recursive")
         line = assumed.with_assumptions(line, cut, "recursive", self._moved)
@@ -331,6 +328,6 @@ class FollowedWheel:
         return *self._line.soil, self._segment.count
 
 
-def _driving(piece: Samples, x: Array, y: Array) -> Array:
-    """Return what the recursive estimator takes of a wheel that does not skid, shape (6, n)."""
-    return np.array([x, y, *(piece.channels[name] for name in NEEDED)])[:, piece.channels["slip"] >= 0.0]
+def _driving(piece: Samples, line: tuple[Array, Array]) -> Array:
+    """Return x and y of a wheel that does not skid, shape (2, n)."""
+    return np.array(line)[:, piece.channels["slip"] >= 0.0]

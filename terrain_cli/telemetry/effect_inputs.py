@@ -78,13 +78,17 @@ def _lacks(there: set[str], wheel: Wheel | Geometry, effects: Iterable[Effect]) 
             for source in sources(name):
                 if source not in there:
                     behind = f" (for {name})" if source != name else ""
-                    because = f"effect {effect.id} needs {source}{behind}, and nothing gives it"
+                    because = (
+                        f"effect {effect.id} needs {source}{behind}, which is neither measured nor derived"
+                    )
                     lacks.append(Lack(source, because, (source,) if source in CHANNELS else ()))
             if name.startswith("grouser_") and not getattr(wheel, name):
                 because = f"effect {effect.id} needs {name} of rover.toml"
                 lacks.append(Lack(name, because, lines=("[wheel]", f"{name} = …")))
         if effect.any_of and not any(there.issuperset(sources(name)) for name in effect.any_of):
-            because = f"effect {effect.id} needs one of {', '.join(effect.any_of)}, and nothing gives any"
+            because = (
+                f"effect {effect.id} needs one of {', '.join(effect.any_of)}, and none is measured or derived"
+            )
             first = next((s for s in sources(effect.any_of[0]) if s not in there), effect.any_of[0])
             lacks.append(Lack(first, because, (first,) if first in CHANNELS else ()))
     return lacks

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from terrain_cli.telemetry.wheel_samples import DERIVED, NEEDED, Feed, Plan, Raw
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.arrays import Array
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+from terrain_cli.vocabulary.quantities import listed
 
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.
@@ -148,7 +149,7 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
 
 
 def because(plan: Plan, wheel: str, lack: Lack) -> str:
-    """Say why something is missing: nothing gives it, or too much does."""
+    """Say why something is missing: it is neither measured nor derived, or several columns may be it."""
     doubts = plan.doubts(wheel)
     for channel in (lack.what, *lack.ask):
         if channel in doubts:
@@ -162,8 +163,8 @@ def reasons(plan: Plan, wheel: str, lacks: Sequence[Lack]) -> list[str]:
     told = [(lack.what, because(plan, wheel, lack)) for lack in lacks]
     silent = [what for what, text in told if text.startswith(NOWHERE)]
     loud = [f"no {what}: {text}" for what, text in told if not text.startswith(NOWHERE)]
-    text = " or ".join(filter(None, (", ".join(silent[:-1]), *silent[-1:])))
-    return [f"nothing gives {text}", *loud] if silent else loud
+    are = "is" if len(silent) == 1 else "are"
+    return [f"{listed(silent)} {are} neither measured nor derived", *loud] if silent else loud
 
 
 def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
@@ -202,12 +203,8 @@ def pulls(plan: Plan, channels: Collection[str]) -> dict[str, str]:
     if "drawbar_pull" in channels:
         return {}
     units = {name: stated_unit(name, "force") for name in plan.extras if _PULL.search(name)}
-    value = toml_files.value
-    return {
-        name: f"drawbar_pull = {{ column = {value(name)}, unit = {value(unit.symbol)} }}"
-        for name, unit in units.items()
-        if unit
-    }
+    entries = {name: {"column": name, "unit": unit.symbol} for name, unit in units.items() if unit}
+    return {name: f"drawbar_pull = {toml_files.value(entry)}" for name, entry in entries.items()}
 
 
 def pull(plan: Plan, wheel: str, channels: Collection[str]) -> list[str]:
@@ -241,12 +238,10 @@ def header(plan: Plan, wheel: str, channel: str) -> str:
 def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
     """Write the line that reads a channel in another unit: that which `scale` times what was read is in."""
     symbol, scale = _in(feed, unit, scale)
-    keys = [place(feed) if feed.constant is None else f"constant = {toml_files.value(feed.constant)}"]
-    keys.append(f"unit = {toml_files.value(symbol)}")
     whole = float(f"{feed.scale * scale:.9g}")
-    keys += [f"scale = {toml_files.value(whole)}"] * (whole != 1.0)
-    keys += [f"offset = {toml_files.value(feed.offset * scale)}"] * (feed.offset != 0.0)
-    return f"{feed.channel} = {{ {', '.join(keys)} }}"
+    keys = place(feed) if feed.constant is None else {"constant": feed.constant}
+    keys |= {"unit": symbol, "scale": None if whole == 1.0 else whole, "offset": feed.offset * scale or None}
+    return f"{feed.channel} = {toml_files.value(keys)}"
 
 
 def meant(feed: Feed, unit: str, scale: float = 1.0) -> str:
@@ -284,7 +279,7 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
     symbol = units.si(CHANNELS[channel].dimension).symbol
     doubts = plan.doubts(wheel).get(channel)
     if doubts:
-        first, *others = [place(feed) for feed in doubts]
+        first, *others = [", ".join(toml_files.lines(place(feed))) for feed in doubts]
         return [f"{channel} = {{ {first} }}  # or {', or '.join(others[:MOST])}"]
     streams = plan.source.streams()
     joints = [
@@ -323,18 +318,15 @@ def _fitting(plan: Plan, dimension: str) -> Iterator[str]:
                 yield f"{stream.topic} {field.name}"
 
 
-def place(feed: Feed) -> str:
-    """Write the keys that say where a channel is read."""
+def place(feed: Feed) -> dict[str, Any]:
+    """Return the keys that say where a channel is read."""
     if not feed.topic:
-        return f"column = {toml_files.value(feed.fields[0])}"
-    text = f"topic = {toml_files.value(feed.topic)}"
-    if feed.combine is None:
-        name, _, element = feed.fields[0].partition("[")
-        text += f", field = {toml_files.value(name)}"
-        if element:
-            number = element[:-1].isdigit()
-            text += f", index = {element[:-1]}" if number else f", name = {toml_files.value(element[:-1])}"
-    return text
+        return {"column": feed.fields[0]}
+    if feed.combine is not None:
+        return {"topic": feed.topic}
+    name, _, element = feed.fields[0].partition("[")
+    which = {"index": int(element[:-1])} if element[:-1].isdigit() else {"name": element[:-1] or None}
+    return {"topic": feed.topic, "field": name, **which}
 
 
 def _used(plan: Plan, topic: str) -> bool:

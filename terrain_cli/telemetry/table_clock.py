@@ -170,5 +170,5 @@ def _entry(header: str, column: Column) -> str:
     if isinstance(column, Labels):
         return f"# {header!r} holds texts: write them as seconds, or in ISO 8601 as 2026-11-21T08:00:00Z"
     unit = stated_unit(header, "time")
-    more = "" if column.dtype.kind == "M" else f', unit = "{unit.symbol if unit else "…"}"'
-    return f"time = {{ column = {toml_files.value(header)}{more} }}"
+    symbol = None if column.dtype.kind == "M" else unit.symbol if unit else "…"
+    return f"time = {toml_files.value({'column': header, 'unit': symbol})}"

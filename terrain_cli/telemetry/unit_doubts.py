@@ -188,10 +188,13 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
             continue
         header, lines = rover_advice.header(layout, wheel, suspicion.channel), _lines(feeds, suspicion)
         if weight != "odd" and not (feed.stated and (feed.asked or weight == "impossible")):
-            hint = [f"state its unit in rover.toml, whichever it is; {_if(feed, suspicion)}:", header, *lines]
+            unit = f"state the unit of {suspicion.channel} in rover.toml; {_if(feed, suspicion)}:"
+            hint = [unit, header, *lines]
             raise ImplausibleError(f"{layout.source.path}: {what}", hint="\n".join(hint))
         if suspicion.beyond:
-            told.append(Doubt(f"{what}; leave these out: --where '{suspicion.beyond}'", "", suspicion.beyond))
+            told.append(
+                Doubt(f"{what}; to leave these out: --where '{suspicion.beyond}'", "", suspicion.beyond)
+            )
         elif suspicion.mend is None:
             told.append(Doubt(f"{what}; check the sensor of {feed.place}"))
         else:
@@ -214,7 +217,7 @@ def _lines(feeds: Mapping[str, Feed], suspicion: Suspicion) -> list[str]:
 
 def _if(feed: Feed, suspicion: Suspicion) -> str:
     if suspicion.mend is None:
-        return f"if that of {suspicion.channel} is the one taken"
+        return "if the one taken is right"
     _, unit, scale = suspicion.mend
     if scale < 0.0:
         return "if the sensor's sign is the other way round"
@@ -332,8 +335,8 @@ def limited(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
                 # What is rounded, or held until the next value comes, has few values everywhere.
                 if end != 0.0 and len(column) - len(rest) >= STUCK and len(np.unique(rest)) > 0.5 * len(rest):
                     share = 1.0 - len(rest) / len(column)
-                    what = f"{name} is {end:.4g} in {share:.0%} of the samples, and never {never}, as where a"
-                    what += " sensor, or what reads it, is at its limit"
+                    what = f"{name} is {end:.4g} in {share:.0%} of the samples, and never {never}: a sensor,"
+                    what += " or what reads it, may be at its limit"
                     return Suspicion(what, name, beyond=_apart_from(name, end, sign))
         return None
 

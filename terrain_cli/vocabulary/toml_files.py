@@ -3,6 +3,7 @@
 A rule takes a value and its place in the file, and returns the value as the program wants it.
 """
 
+import errno
 import io
 import json
 import math
@@ -40,7 +41,9 @@ def read_text(path: str | Path) -> str:
     except FormatError as error:
         raise ConfigurationError(str(error)) from error
     except OSError as error:
-        raise ConfigurationError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+        what = (error.strerror or str(error)).lower()
+        what = {errno.ENOENT: "no such file", errno.EISDIR: "is a folder"}.get(error.errno or 0, what)
+        raise ConfigurationError(f"{path}: {what}") from error
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"{path}: not text in UTF-8", hint="save it as UTF-8") from error
     return text
@@ -204,6 +207,11 @@ def key(name: str) -> str:
     return name if bare else value(name)
 
 
+def lines(content: Mapping[str, Any], before: str = "") -> list[str]:
+    """Write each entry of a mapping, with what comes before its name; those that are None are left out."""
+    return [f"{before}{key(name)} = {value(own)}" for name, own in content.items() if own is not None]
+
+
 def value(content: Any) -> str:  # noqa: PLR0911 - one for each kind
     """Write a value, of NumPy too, on one line; entries of a mapping that are None are left out."""
     match content:
@@ -220,8 +228,7 @@ def value(content: Any) -> str:  # noqa: PLR0911 - one for each kind
             # With its time, where it has one.
             return content.isoformat()
         case Mapping():
-            pairs = (f"{key(name)} = {value(inner)}" for name, inner in content.items() if inner is not None)
-            return f"{{ {', '.join(pairs)} }}"
+            return f"{{ {', '.join(lines(content))} }}"
         case list() | tuple():
             return f"[{', '.join(map(value, content))}]"
     raise TypeError(f"TOML has no {type(content).__name__}")

@@ -47,6 +47,8 @@ MOST = 2_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Windows:
+    """The usable samples of a wheel, cut into windows."""
+
     samples: Samples
     rows: Index  # Shape (n,): the usable samples, as indices into `samples`
     bounds: Index  # Shape (windows + 1,): window j is ``rows[bounds[j]:bounds[j + 1]]``
@@ -221,7 +223,7 @@ def cut(
             )
         if window_distance is not None and distance is None:
             raise InputError(
-                f"{samples}: nothing gives the distance (velocity, or x and y)",
+                f"{samples}: the distance is not known: there is no velocity, nor x and y",
                 hint="use --window-samples N",
             )
         bounds = fixed_windows(
@@ -326,7 +328,7 @@ def fixed_windows(
     bounds = whole_windows(n, breaks=breaks)
     length = samples if samples is not None else float(metres or 0.0)
     if not length > 0:
-        raise ValueError(f"a window of {length} holds nothing")
+        raise ValueError(f"a window of {length} holds no sample")
     passed = np.arange(n) if samples is not None or distance is None else distance
     inner = []
     for a, b in pairwise(bounds):

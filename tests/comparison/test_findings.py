@@ -36,7 +36,7 @@ STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
             Shape(driver="wheel_angle", name="periodic", at=math.pi / 6.0, low=0.0, high=6.3, span=1.0),
             0.5,
             "rad",
-            "the model misses a swing of ± 0.5 N m in torque, 12 times in a turn of the wheel",
+            "the model misses an oscillation of ± 0.5 N m in torque, 12 times in a turn of the wheel",
         ),
         (
             "torque",
@@ -78,7 +78,7 @@ TURN = Shape(driver="wheel_angle", name="periodic", at=math.pi, low=0.0, high=6.
         (shapes.Shape(name="constant"), 0.9, "should predict 0.9 N m more torque throughout"),
         (STEP, -0.9, "should predict 0.9 N m less torque above slip 0.4"),
         (LINE, 0.9, "should predict 0.9 N m more torque at slip 0.6, compared with 0.1"),
-        (TURN, 0.9, "misses a swing of ± 0.9 N m in torque, 2 times in a turn of the wheel"),
+        (TURN, 0.9, "misses an oscillation of ± 0.9 N m in torque, 2 times in a turn of the wheel"),
     ],
 )
 def test_of_what_the_soil_hides_no_error_is_claimed_that_the_table_does_not_show(shape, amplitude, begins):

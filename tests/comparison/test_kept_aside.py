@@ -92,7 +92,7 @@ def test_inputs_and_tables_without_time_are_cut_by_themselves():
 def test_a_short_input_is_seen_whole_and_says_so():
     short, longer = kept_aside.marked([windows(159), windows(160, source="b.csv")], 0.5)
     assert short.samples.aside is None
-    assert short.samples.remarks == ["too short to keep stretches aside: 159 samples, and it takes 160"]
+    assert short.samples.remarks == ["too short to keep stretches aside: 159 samples, and 160 are needed"]
     assert kept_aside.too_short([short.samples])
     assert not kept_aside.too_short([longer.samples])
     assert len(kept_aside.seen([short])[0].rows) == 159

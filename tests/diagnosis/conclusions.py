@@ -23,7 +23,7 @@ SMALLEST = "the held-out error is at most 1.02 × the noise (in torque)"
 FITS = f"The model fits to within the noise: {SMALLEST}, and the data show no missing effect."
 NO_SOIL = (
     f"The model fits to within the noise: {SMALLEST}, but only with a cohesion of -3 kPa, which is "
-    "physically impossible: something is missing that the soil takes up, or a sensor is wrong."
+    "physically impossible: the soil imitates something that is missing, or a sensor is wrong."
 )
 LOOK = "terrain-est diagnose 'a run.csv' --segments none"
 OUT = "terrain-est model remove wong-reece crust --segments none --data 'a run.csv'"
@@ -66,7 +66,7 @@ CONCLUSIONS = [
     pytest.param(
         evidence(FINE, soils=2, changes=("8 s",), instead="multi-pass"),
         "explained",
-        SMALL + "only with 2 soils; fewer may be enough with multi-pass.",
+        SMALL + "only with 2 soils; with multi-pass, fewer may be enough.",
         LOOK,
         id="an effect in place of soils",
     ),
@@ -127,8 +127,8 @@ CONCLUSIONS = [
     pytest.param(
         evidence(FINE, raised=True, verdict="effect", family=("slope",)),
         "explained",
-        "The model may miss something: the held-out error is at most 1.02 × the noise (in torque) but "
-        "systematic, and slope explains it.",
+        "The model may miss something: the held-out error is at most 1.02 × the noise (in torque), but "
+        "the residuals are systematic, and slope explains it.",
         NEW + "slope" + DATA,
         id="one name within the noise",
     ),
@@ -136,7 +136,7 @@ CONCLUSIONS = [
         evidence(FINE, raised=True, verdict="family", family=("slope", "crust"), refused=("slope", "crust")),
         "unexplained",
         "The model fits as well as these data can tell: the held-out error is at most 1.02 × the noise "
-        "(in torque). What is left may be systematic, but slope and crust were tried, and "
+        "(in torque). The residuals may be systematic, but slope and crust were tried, and "
         "held-out data do not support them.",
         "",
         id="nothing pays within the noise",

@@ -166,7 +166,5 @@ def test_of_effects_that_are_late_the_printed_errors_choose(monkeypatch):
     # Nor do they choose where something else leads.
     assert candidates.late_as_printed(log, [ranked[1], ranked[0], ranked[2]])[0] is ranked[1]
     for first, most in ((length, True), (lag, False), (plain, False)):
-        assert (
-            steps.late_takes_most(SimpleNamespace(several=[(first, 0)], first_anew=[], data=data, log=log))
-            is most
-        )
+        found = SimpleNamespace(several=[(first, 0)], first_anew=[first.id], log=log)
+        assert steps.late_takes_most(found) is most

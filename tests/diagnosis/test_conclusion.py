@@ -36,7 +36,7 @@ DOUBTED = ("the sign of torque", "the unit of load")
 def test_what_may_be_measured_wrongly_is_settled_before_an_effect_explains_it(further):
     told = conclude(evidence(OFF, doubted=DOUBTED, **further), ASKED)
     assert told.sentence.startswith(
-        MISSES + "the sign of torque and the unit of load may be wrong: if so, put the line"
+        MISSES + "the sign of torque and the unit of load may be wrong: if so, copy the line"
     )
     assert told.command == "terrain-est compare 'a run.csv' --segments none"
     assert told.drive == ""

@@ -116,7 +116,11 @@ def test_effects_of_a_doubtful_size_explain_nothing():
             4.4,
             "2.2 × the noise in torque (noise of torque as estimated with sensor-lag), and sensor-lag",
         ),
-        (3.9, 4.4, "at most 1.10 × the noise (in torque) but systematic, and sensor-lag explains"),
+        (
+            3.9,
+            4.4,
+            "at most 1.10 × the noise (in torque), but the residuals are systematic, and sensor-lag explains",
+        ),
         # Where compare sees it too, both say the same.
         (2.0, 10.0, "2.5 × the noise in torque, and sensor-lag explains"),
     ],

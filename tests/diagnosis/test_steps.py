@@ -253,7 +253,7 @@ def test_a_fit_to_quiet_channels_ends_at_a_minimum(wheel):
             cost = smoothed_model.bounded(
                 smoothed_model.residual(data, found)
             ).sum() + solution.spread * np.sum(moved**2)
-            least = solution.cost + solution.spread * np.sum(solution.t**2)
+            least = smoothed_model.bounded(solution.residual).sum() + solution.spread * np.sum(solution.t**2)
             assert cost > least * (1.0 - 1e-4)
 
 
@@ -278,14 +278,16 @@ def test_held_out_loss_falls_with_the_right_effect_only():
 DRIVERS = (CHANNELS.keys() - {"torque", "drawbar_pull", "entry_angle", "motor_current"}) | {"wheel_angle"}
 
 
-@pytest.mark.parametrize(
-    "driver", [*sorted(DRIVERS), "temperature_of_the_third_bearing_on_the_left", "Belt tension [N]"]
-)
-@pytest.mark.parametrize("changes", [*drafted_laws.SHOWN, *drafted_laws.IN_THE_GROUND])
+def _drafted() -> list[tuple[str, str]]:
+    """Return what a draft can change with every driver that it may follow: any number but itself."""
+    numbers = [name for name in sorted(DRIVERS) if name not in CHANNELS or CHANNELS[name].unit is not None]
+    drivers = [*numbers, "temperature_of_the_third_bearing_on_the_left", "Belt tension [N]"]
+    changed = [*drafted_laws.SHOWN, *drafted_laws.IN_THE_GROUND]
+    return [(one, driver) for one in changed for driver in drivers if driver != one]
+
+
+@pytest.mark.parametrize(("changes", "driver"), _drafted())
 def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
-    channel = CHANNELS.get(driver)
-    if channel is not None and (channel.unit is None or driver == changes):
-        pytest.skip("no number, or what is changed")
     written = [
         drafted_laws.write(changes, driver, form, np.linspace(20.0, 70.0, 99), usual=0.3)
         for form in drafted_laws.FORMS[1:-1]

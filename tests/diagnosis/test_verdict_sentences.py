@@ -79,7 +79,8 @@ def test_what_explains_nothing_is_no_probable_cause_beside_what_is_not_believed(
     found.candidates[0].doubt = "physically impossible"
     lag = SimpleNamespace(effect="sensor-lag", sizes={}, doubt="", in_family=True, explained=0.0)
     found.candidates.insert(0, lag)
-    assert verdict.sentence(found, []).endswith("No effect explains most of it: sensor-lag at most 0%.")
+    told = "No effect explains most of the misfit: sensor-lag explains at most 0%."
+    assert verdict.sentence(found, []).endswith(told)
 
 
 def test_of_a_family_those_of_a_doubtful_size_are_marked():
@@ -104,7 +105,7 @@ def test_no_effect_is_a_probable_cause_that_explains_little(stretch):
     )
     fails = "the model predicts 1.6 N m too little torque from 40 s to 60 s"
     assert verdict.sentence(log, [found("torque", fails, 0.6)], ["torque"]) == (
-        f"T{fails[1:]}. No effect explains most of it: gear-efficiency or slope at most 9%."
+        f"T{fails[1:]}. No effect explains most of the misfit: gear-efficiency or slope explains at most 9%."
     )
 
 

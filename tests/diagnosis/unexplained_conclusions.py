@@ -33,7 +33,7 @@ UNEXPLAINED = [
         UNFIT
         + "no recorded channel tracks the misfit significantly. "
         + AGAIN
-        + " changes, the soil varies; if it returns, the model lacks something. Also record "
+        + " changes, the soil varies; if it stays the same, the model lacks something. Also record "
         + "a channel that effects need: pitch or slip angle.",
         "",
         id="nothing follows",
@@ -121,7 +121,7 @@ UNEXPLAINED = [
     pytest.param(
         evidence(FINE, tracked=True, verdict="none"),
         "unexplained",
-        f"The model fits as well as these data can tell: {SMALLEST}. What is left may be systematic, but "
+        f"The model fits as well as these data can tell: {SMALLEST}. The residuals may be systematic, but "
         "no effect explains it.",
         "",
         id="a finding that no effect explains, within the noise",
@@ -129,15 +129,15 @@ UNEXPLAINED = [
     pytest.param(
         evidence(FINE, weak="slope (p 0.002)"),
         "fits",
-        f"The model fits to within the noise: {SMALLEST}. What is left follows slope (p 0.002), but no "
-        "held-out error falls with so small an effect: the noise of load, slip and sinkage hides it.",
+        f"The model fits to within the noise: {SMALLEST}. The residuals look like slope (p 0.002), "
+        "but so small an effect lowers no held-out error: the noise of load, slip and sinkage hides it.",
         "",
         id="noise, which hides a small effect",
     ),
     pytest.param(
         evidence({**FINE, "drawbar pull": 1.0}, effects=("crust",), absent=("crust",)),
         "fits",
-        f"{FITS} It fits as well without crust, of which it has none.",
+        f"{FITS} It fits as well without crust, which does nothing at its fitted size.",
         OUT,
         id="noise, with an effect that does nothing",
     ),
@@ -145,7 +145,7 @@ UNEXPLAINED = [
         evidence(FINE, effects=("crust",), beyond={"crust": "crust.strength = 9 Pa, which is its bound"}),
         "unexplained",
         f"The model fits to within the noise: {SMALLEST}, but only with crust.strength = 9 Pa, which is its "
-        "bound: crust stands for something else. Take it out to see what is missing.",
+        "bound: crust imitates something else. To see what is missing, remove it.",
         OUT,
         id="noise, with an effect at its bound",
     ),

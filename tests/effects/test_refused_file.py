@@ -191,7 +191,7 @@ class TestFileRefused:
             effect_file.load(tmp_path / "none.toml")
 
     def test_folder(self, tmp_path):
-        with pytest.raises(ConfigurationError, match="is a directory"):
+        with pytest.raises(ConfigurationError, match="is a folder"):
             effect_file.load(tmp_path)
 
     def test_device(self):

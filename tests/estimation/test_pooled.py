@@ -90,17 +90,13 @@ def test_empty_windows_have_no_samples(stresses, run):
 
 def test_sample_by_sample_it_is_the_trace(run, stresses):
     """Whatever number of samples comes at once, with sums alone that are held."""
-    columns = np.array([*stresses, *(run.channels[name] for name in ("load", "torque", "sinkage", "slip"))])
-    columns = columns[:, :120]
+    columns = np.array(stresses)[:, :120]
     channels = {name: channel[:120] for name, channel in run.channels.items()}
-    trace = recursive([*columns[:2], *channels.values()], [0, 120])
+    trace = recursive([*columns, *channels.values()], [0, 120])
     line, done = RecursiveLine(), 0
     for size in (1, 1, 1, 2, 3, 1, 31, 80):
         line.add(columns[:, done : done + size])
         done += size
-        now = line.trace()
-        for name in ("c", "c_se", "phi", "phi_se", "corr"):
-            np.testing.assert_allclose(getattr(now, name)[0], getattr(trace, name)[done - 1], rtol=1e-9)
         np.testing.assert_allclose(line.soil, (trace.c[done - 1], np.tan(trace.phi[done - 1])), rtol=1e-9)
     line.add(columns[:, :0])
     assert line.count == done == 120
@@ -108,7 +104,7 @@ def test_sample_by_sample_it_is_the_trace(run, stresses):
 
 def test_a_load_that_does_not_vary_tells_no_soil():
     line = RecursiveLine()
-    line.add(np.tile([[1e4], [7e3], [80.0], [3.0], [0.02], [0.3]], 50))
+    line.add(np.tile([[1e4], [7e3]], 50))
     assert np.isnan(line.soil).all()
 
 

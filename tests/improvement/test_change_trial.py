@@ -87,5 +87,5 @@ def test_what_hardly_gains_beside_several_soils_is_weighed_on_those_that_it_need
     parts = (two, one, one, plain, file) if action == "add" else (one, two, two, file, plain)
     windows, remarks = change_trial._needed_soils(action, *parts)
     assert windows == [soil.windows]
-    what = "with multi-pass, 1 soil will do; both models are compared on 1 soil"
+    what = "with multi-pass, 1 soil is enough; both models are compared on 1 soil"
     assert remarks == [what] * enough

@@ -137,7 +137,7 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
     )
     drive = replace(kept.next_drive, settings={"load": [48.0, 80.0]}, power=0.9)
     assert change_text.doubt(replace(kept, next_drive=drive)).endswith(
-        "; to tell, drive for slip-sinkage (settles it in 90% of cases)"
+        "; to tell, drive for slip-sinkage (decides in 90% of cases)"
     )
     # Where its rivals are in the model too, nothing is in doubt.
     effects_too = tuple(SimpleNamespace(id=name) for name in family)

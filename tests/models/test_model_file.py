@@ -115,7 +115,7 @@ WR = HEAD + 'base = "wong-reece"\n'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "format is missing"),
+        ("", "is not a model file: the key format is missing"),
         ('format = "terrain-est/model/2"\nbase = "linear"', "format is 'terrain-est/model/2'"),
         ("format = 1", "format is 1"),
         (HEAD, "base is missing"),

@@ -16,7 +16,7 @@ def test_a_drive_that_tells_several_apart_is_said_once():
         NextDrive(("load-bias", "crust"), "sweep", 0.88, sweep),
         NextDrive(("load-bias", "bulldozing"), "no drive tells them apart: weigh it", 0.7, check="weigh it"),
     ]
-    both = "slope (settles it in 98% of cases) or crust (settles it in 88% of cases)"
+    both = "slope (decides in 98% of cases) or crust (decides in 88% of cases)"
     found = SimpleNamespace(next_drive=drives, candidates=[], unknown=None)
     assert diagnosis_text._drives(found) == [
         "",

@@ -304,8 +304,8 @@ def test_windows_text_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda _: None, "no such file or directory"),
-        (lambda path: path.mkdir(), "is a directory"),
+        (lambda _: None, "no such file$"),
+        (lambda path: path.mkdir(), "is a folder"),
         (lambda path: path.write_bytes(b"[wheel]\n# \xff"), "not text in UTF-8"),
     ],
 )

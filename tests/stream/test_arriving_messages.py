@@ -220,7 +220,7 @@ def test_a_time_of_far_ahead_does_not_end_it(tmp_path):
 
 def test_what_is_missing_is_told_once_it_cannot_come(tmp_path):
     path = written(without(drive(), "/wheel_fl/sinkage_mm", -1.0, 40.0), tmp_path)
-    with pytest.raises(InputError, match="nothing gives sinkage"):
+    with pytest.raises(InputError, match="sinkage is neither measured nor derived"):
         Arrived(path)
 
 

@@ -111,7 +111,7 @@ def test_without_rover_toml_one_error_gives_all_lines_to_add(write_bag, rover_of
     path = write_bag(*two_wheels())
     with pytest.raises(InputError) as error:
         telemetry.read(path, Rover())
-    assert str(error.value) == f"{path}: c and φ cannot be estimated: nothing gives torque"
+    assert str(error.value) == f"{path}: c and φ cannot be estimated: torque is neither measured nor derived"
     lines = error.value.hint.partition("\n")[2]
     for wheel in TORQUE:
         entry = f'torque = {{ topic = "/joint_states", field = "effort", name = "{wheel}", unit = "N m" }}'

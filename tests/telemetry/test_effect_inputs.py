@@ -128,7 +128,9 @@ def test_the_drawbar_pull_is_read_for_a_model_only(write, rover_of):
 def test_a_channel_that_is_not_there(write, rover_of):
     with pytest.raises(InputError) as error:
         read(write(tilt=0.1), rover_of(GEOMETRY), "pitch")
-    assert str(error.value).endswith("run.csv: effect some-effect needs pitch, and nothing gives it")
+    assert str(error.value).endswith(
+        "run.csv: effect some-effect needs pitch, which is neither measured nor derived"
+    )
     assert '[channels]\npitch = { column = "…", unit = "rad" }' in error.value.hint
     assert "tilt" in error.value.hint
 
@@ -142,7 +144,9 @@ def test_a_column_that_is_not_there(write, rover_of):
 
 
 def test_a_rate_of_steady_test_points(write, rover_of):
-    with pytest.raises(InputError, match=r"needs time \(for torque_rate\), and nothing gives it"):
+    with pytest.raises(
+        InputError, match=r"needs time \(for torque_rate\), which is neither measured nor derived"
+    ):
         read(write(time=None), rover_of(GEOMETRY), "torque_rate")
 
 

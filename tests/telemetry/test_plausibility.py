@@ -131,7 +131,7 @@ WRONG = {
     "torque stuck": (lambda d: d.assign(torque=3.107), "torque is 3.107 in every sample", "doubt", ""),
     "torque cut off": (
         lambda d: d.assign(torque=d["torque"].clip(upper=d["torque"].quantile(0.9))),
-        "in 10% of the samples, and never more, as where a sensor, or what reads it, is at its limit",
+        "in 10% of the samples, and never more: a sensor, or what reads it, may be at its limit",
         "doubt",
         "",
     ),

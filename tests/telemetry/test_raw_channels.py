@@ -278,7 +278,7 @@ def test_columns_that_mean_nothing(write, rover):
     with pytest.raises(InputError) as error:
         one(write(lines(("a", "b"), (1, 2), (3, 4))), rover)
     assert str(error.value).endswith(
-        "c and φ cannot be estimated: nothing gives load, torque, sinkage or slip"
+        "c and φ cannot be estimated: load, torque, sinkage and slip are neither measured nor derived"
     )
     assert error.value.hint.endswith("# the columns that are left: a, b")
 

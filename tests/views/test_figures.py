@@ -127,10 +127,10 @@ def test_a_region_wider_than_the_axes_is_told_of(comparison):
     for name, error in (("c_se_kPa", 0.1), ("phi_se_deg", 1.0), ("corr_c_phi", 0.0)):
         table[name] = np.full(rows, error)
     table["status"] = ["ok"] * rows
-    assert "not in sight" not in soil_figures.strength(table).axes[0].get_title(loc="left")
+    assert "outside the picture" not in soil_figures.strength(table).axes[0].get_title(loc="left")
     # The axes are those of what is sure.
     table["status"][-1], table["c_se_kPa"][-1], table["phi_se_deg"][-1] = "not-separable", 1e4, 1e4
-    assert "(1 not in sight)" in soil_figures.strength(table).axes[0].get_title(loc="left")
+    assert "(1 outside the picture)" in soil_figures.strength(table).axes[0].get_title(loc="left")
 
 
 def test_track(comparison):

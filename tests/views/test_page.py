@@ -212,7 +212,7 @@ def test_nothing_found_is_said(run):
     tracked = "No recorded channel tracks the misfit significantly."
     text = page(misses)
     assert tracked in text
-    assert "What the misfit follows" not in text
+    assert "Findings, the strongest first" not in text
     # Where there is no misfit, nothing can track it.
     channels = {name: replace(one, heldout_rmse=one.noise) for name, one in misses.channels.items()}
     assert tracked not in page(replace(misses, channels=channels))

@@ -60,7 +60,7 @@ def test_a_prior_is_drawn_where_it_matters(wheel):
     prior = {**posterior, "prior": posterior["value"], "prior_sd": np.where(known, posterior["se"], np.nan)}
     for shown, said in ((posterior, False), (prior, True)):
         entries = {text.get_text() for text in soil_figures.valleys(shown, table).legends[0].get_texts()}
-        assert ("68 % of what is known beforehand" in entries) == said
+        assert ("68 % of the prior" in entries) == said
 
 
 def test_the_legend_of_one_segment_fits_and_its_stress_is_not_that_of_the_table(wheel):

@@ -60,9 +60,9 @@ def test_a_tenth_of_a_metre_is_a_tenth_whatever_the_rounding():
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        ({"samples": 0}, "holds nothing"),
-        ({"metres": 0.0, "distance": [0, 1, 2, 3]}, "holds nothing"),
-        ({"metres": float("nan"), "distance": [0, 1, 2, 3]}, "holds nothing"),
+        ({"samples": 0}, "holds no sample"),
+        ({"metres": 0.0, "distance": [0, 1, 2, 3]}, "holds no sample"),
+        ({"metres": float("nan"), "distance": [0, 1, 2, 3]}, "holds no sample"),
     ],
 )
 def test_fixed_windows_that_make_no_sense_are_refused(asked, says):

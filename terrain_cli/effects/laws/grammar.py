@@ -71,9 +71,9 @@ _SIGNS_MEANT = {
     "π": "pi",
 }
 _NO_PLACE = {
-    ".": "nothing in a law has parts to reach by a full stop",
+    ".": "a law has no attributes: a full stop stands in numbers only",
     "_": "a name begins with a letter",
-    **dict.fromkeys("\"'", "a law holds no texts; a name that is no plain word stands in `…`"),
+    **dict.fromkeys("\"'", "a law has no texts; put a name with other characters into `…`"),
     "`": "a name in `…` is not closed",
     **dict.fromkeys("[]{}", "a law has round brackets only"),
 }

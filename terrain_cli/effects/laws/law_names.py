@@ -3,7 +3,9 @@
 import json
 import math
 import re
+import tomllib
 from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any
 
 from terrain_cli.effects.laws.expression import FUNCTIONS
@@ -63,34 +65,20 @@ def _parameters(value: Any, place: str) -> Any:
     return checked
 
 
-_PARAMETER = toml_files.table(
-    {
-        "unit": _unit_text,
-        "null": toml_files.number("a number"),
-        "scale": toml_files.number("a positive number", toml_files.ABOVE_ZERO),
-        "lower": _bound,
-        "upper": _bound,
-        "meaning": _line,
-        "held": _line,
-        "reference": _line,
-    }
-)
-FILE = toml_files.table(
+_KEYS = tomllib.loads(Path(__file__).with_name("effect_keys.toml").read_text("utf-8"))
+_PARAMETER = toml_files.rules(_KEYS["parameter"], {"unit": _unit_text, "bound": _bound, "line": _line})
+FILE = toml_files.rules(
+    _KEYS["file"],
     {
         "id": _id,
-        "title": _line,
+        "line": _line,
         "kind": toml_files.choice(*KINDS),
-        "changes": toml_files.choice(*QUANTITIES),
-        "law": toml_files.text,
+        "quantity": toml_files.choice(*QUANTITIES),
         "laws": toml_files.table(dict.fromkeys(QUANTITIES, toml_files.text)),
         "needs": _several_needs,
         "columns": toml_files.tables(_unit_text),
         "parameters": _parameters,
-        "explanation": toml_files.text,
-        "shows": _line,
-        "settled_by": _line,
-        "reference": _line,
-    }
+    },
 )
 
 OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}  # Always known, whatever is measured

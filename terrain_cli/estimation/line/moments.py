@@ -16,7 +16,6 @@ Key = tuple[int, int, int]
 
 #: Rows of a block of columns: the two stresses and the four channels they are made of.
 X, Y, LOAD, TORQUE, SINKAGE, SLIP = range(6)
-ROWS = 6
 CHANNELS = (LOAD, TORQUE, SINKAGE, SLIP)
 
 #: (lag, row, row) of the products that a line needs, ...

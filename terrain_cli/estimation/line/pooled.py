@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from terrain_cli.estimation.line.moments import KEYS, ROUNDING, ROWS, WindowMoments, X, Y, fit_line, running
+from terrain_cli.estimation.line.moments import ROUNDING, WindowMoments, X, Y, fit_line, running
 from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.estimation.line.window_estimates import WindowEstimates
 from terrain_cli.vocabulary.arrays import Array
@@ -16,7 +16,6 @@ from terrain_cli.vocabulary.arrays import Array
 #: exact windows would otherwise make the normal equations singular.
 _SMALLEST = 1e-6
 _UNSURE = 1e-9  # Correlations are not believed nearer to ±1 than this: no inverse would be left of them
-_LAGS = max(lag for lag, _, _ in KEYS)  # The longest lag of the products that the errors need
 
 
 @dataclass(frozen=True)
@@ -46,62 +45,35 @@ def recursive(columns: Sequence[ArrayLike], bounds: ArrayLike, *, correlated: bo
 
 
 class RecursiveLine:
-    """The same filter with the samples of one window coming one by one: it holds sums, and no sample."""
+    """The soil by the same filter, with the samples of one window coming one by one: it holds sums alone."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._origin = np.zeros((ROWS, 1))
-        self._total = np.zeros(ROWS)
-        self._products = np.zeros((_LAGS + 1, ROWS, ROWS))
-        self._first, self._last = np.empty((ROWS, 0)), np.empty((ROWS, 0))
+        self._origin, self._total = np.zeros((2, 1)), np.zeros(2)
+        self._products = np.zeros((2, 2))
 
-    def add(self, columns: Array) -> None:
-        """Take samples, in the order of time: x, y, load, torque, sinkage and slip; shape (6, n)."""
-        size = columns.shape[1]
-        if not size:
+    def add(self, line: Array) -> None:
+        """Take samples, in the order of time: x and y; shape (2, n)."""
+        if not line.size:
             return
         if not self.count:
-            self._origin = columns[:, :1].copy()
-        deviation = columns - self._origin
-        beside = np.concatenate([self._last, deviation], axis=1)
-        before = beside.shape[1] - size
+            self._origin = line[:, :1].copy()
+        deviation = line - self._origin
         self._total += deviation.sum(axis=1)
-        for lag in range(_LAGS + 1):
-            late = max(lag - before, 0)
-            if late < size:
-                early = beside[:, before + late - lag : beside.shape[1] - lag]
-                self._products[lag] += deviation[:, late:] @ early.T
-        self.count += size
-        if self._first.shape[1] < _LAGS:
-            self._first = np.concatenate([self._first, deviation], axis=1)[:, :_LAGS]
-        self._last = beside[:, -_LAGS:]
+        self._products += deviation @ deviation.T
+        self.count += line.shape[1]
 
     @property
     def soil(self) -> tuple[float, float]:
         """Cohesion in Pa and tan φ by now; NaN where x does not vary."""
         n = max(self.count, 1)
-        (x, y), products = self._total[[X, Y]] / n, self._products[0]
+        (x, y), products = self._total / n, self._products
         spread = products[X, X] - n * x * x
         level = self._origin[:, 0]
         if not spread > n * (ROUNDING * (level[X] + x)) ** 2:
             return np.nan, np.nan
         slope = (products[X, Y] - n * x * y) / spread
         return float(level[Y] + y - slope * (level[X] + x)), float(slope)
-
-    def trace(self) -> Trace:
-        """Return c, φ and their errors by now, shape (1,); one sample at least."""
-        count = np.array([float(self.count)])
-        mean = self._total / self.count
-        products = {}
-        for lag, a, b in KEYS:
-            both = 2.0 * self._total
-            if lag:
-                both = both - self._first[:, :lag].sum(axis=1) - self._last[:, -lag:].sum(axis=1)
-            about = 0.5 * (self._products[lag, a, b] + self._products[lag, b, a])
-            about += max(self.count - lag, 0) * mean[a] * mean[b]
-            products[lag, a, b] = np.array([about - 0.5 * (mean[a] * both[b] + mean[b] * both[a])])
-        moments = WindowMoments(count, self._origin + mean[:, None], products)
-        return Trace(*_states(moments, correlated=True))
 
 
 def _states(moments: WindowMoments, *, correlated: bool) -> tuple[Array, ...]:

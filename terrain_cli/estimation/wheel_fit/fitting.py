@@ -7,6 +7,7 @@ weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 an
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -248,14 +249,10 @@ def _anew(
     It is sought `elsewhere` whether effects lead lower, where no fit before has done so.
     """
     problem = near.problem
+    learning = partial(LikelyNoise, data, problem.unknowns, ordered=ordered, second=second)
     if 0 < data.measured.shape[1] <= FEW:
-        usual = replace(
-            problem, noise=LikelyNoise(data, problem.unknowns, ordered=ordered, second=second).noise
-        )
-        learners = [
-            (LikelyNoise(data, problem.unknowns, ordered=ordered, second=second), one)
-            for one in beginnings(usual, data)
-        ]
+        usual = replace(problem, noise=learning().noise)
+        learners = [(learning(), one) for one in beginnings(usual, data)]
         found = modes(data, ((learner, *_learn(problem, data, learner, one)) for learner, one in learners))
         if found:
             return found
@@ -264,9 +261,7 @@ def _anew(
         return [near]
     # Anew where the first one was lost: its end hangs on the last digit.
     certain = ended is None or bool(ended.converged.all())
-    learner = LikelyNoise(
-        data, problem.unknowns, ordered=ordered, second=second, begun=problem.noise if certain else None
-    )
+    learner = learning(begun=problem.noise if certain else None)
     problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
     begun = end if _of_all(end, data) else near.begun
     lower = lower_elsewhere(problem, data, begun) if elsewhere and begun is not None else None

@@ -73,8 +73,11 @@ class Unknowns:
     shared: tuple[Unknown, ...]
     fixed: dict[str, Array]  # Held: one value, or one for each window
 
-    def values(self, t: Array, common: Array, count: Index, windows: Index) -> dict[str, Array]:
-        """Return every parameter as the model takes it: one value, or one for each sample."""
+    def values(self, t: Array, common: Array, count: Index | int, windows: Index) -> dict[str, Array]:
+        """Return every parameter as the model takes it: one value, or one for each sample.
+
+        `common` may be (q, n); of each of the `windows` there are `count` samples.
+        """
         values = {
             name: value if value.ndim == 0 else np.repeat(value[windows], count)
             for name, value in self.fixed.items()

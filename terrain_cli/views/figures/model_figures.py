@@ -166,7 +166,10 @@ def candidates(found: Diagnosis) -> Figure | None:
         axes.grid(axis="x", linewidth=0.4, alpha=0.5)
     handles = [
         Patch(color=ink, label=label)
-        for ink, label in ((COLOURS[0], "the best, and what cannot be told from it"), (FAINT, "others"))
+        for ink, label in (
+            (COLOURS[0], "the best effect, and those that cannot be told from it"),
+            (FAINT, "others"),
+        )
         if ink in inks
     ]
     figure.legend(handles=handles, loc="outside upper left", ncols=2)

@@ -73,7 +73,7 @@ def _estimates(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
     x, y = (np.asarray(table[name], dtype=float) for name in ("c_kPa", "phi_deg"))
     outside = int(np.count_nonzero((x < c[0]) | (x > c[1]) | (y < phi[0]) | (y > phi[1])))
     title = "estimates, 95 % regions" if len(styles) <= MOST_ERRORS else "estimates"
-    notes = [f"{outside} beyond the axes"] * bool(outside) + [f"{unseen} not in sight"] * bool(unseen)
+    notes = [f"{outside} beyond the axes"] * bool(outside) + [f"{unseen} outside the picture"] * bool(unseen)
     axes.set(
         xlim=c,
         ylim=phi,
@@ -214,9 +214,7 @@ def valleys(posterior: Posterior, table: Mapping[str, Any]) -> Figure | None:
         Line2D([], [], color=COLOURS[1], label="same strength at the pivot stress"),
     ]
     if any(drawn):
-        handles.append(
-            Line2D([], [], color=COLOURS[2], linestyle=":", label="68 % of what is known beforehand")
-        )
+        handles.append(Line2D([], [], color=COLOURS[2], linestyle=":", label="68 % of the prior"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3 if len(there) > 1 else 2)
     left = int(np.count_nonzero(np.isfinite(table["strength_kPa"]))) - len(there)
     wheel = " ".join([str(table["source"][0]), str(table["wheel"][0])]).strip()

@@ -30,8 +30,8 @@ MOST_SAMPLES = 6_000  # Samples, over all segments, in the pictures of one segme
 LONGEST = 48
 _NOTE = (
     "In the unit of the channel. Held out: on stretches that were not fitted. Noise: the part of the error "
-    "that no model could predict. Bias: the mean of measured less predicted. Normalised: the rms error by "
-    "the rms of what was measured."
+    "that no model could predict. Bias: the mean of measured less predicted. Normalised: the rms error "
+    "divided by the rms of what was measured."
 )
 
 
@@ -187,12 +187,16 @@ def _soil(content: _Content) -> Section:
     if len(shown_segments.tested(shown)):
         parts.append(
             Chart(
-                "Shear strength, marked at σ*",
+                "Shear strength over normal stress",
                 "Line of shear strength over normal stress for each segment; the table has numbers.",
                 drive_charts.strength(shown, content.chosen),
             )
         )
-    return Section(id="soil", title="Soil", parts=[*parts, _segments(content)])
+    legend = (
+        "Bands and ellipses are 95 % regions. Faint symbols are segments whose status is not ok. The point "
+        "on a line of strength is at the stress where this segment determines the strength best."
+    )
+    return Section(id="soil", title="Soil", text=[legend], parts=[*parts, _segments(content)])
 
 
 def _segments(content: _Content) -> Table:
@@ -225,7 +229,7 @@ def _segments(content: _Content) -> Table:
         "Status",
     )
     left_out = len(names) - len(kept)
-    note = "Values with their standard error; the errors are those of the prediction."
+    note = "Values with their standard errors. Rms errors are those of the prediction."
     if left_out:
         note += f" {left_out:,} segments that are predicted better are left out."
     return Table("Soil under each segment", head, rows, frozenset(range(2, len(head) - 1)), note)
@@ -256,7 +260,11 @@ def _agreement(content: _Content) -> Section:
                 wide=True,
             )
         )
-    return Section(id="agreement", title="Measured and predicted", parts=parts)
+    legend = (
+        "Residuals are measured less predicted: median (line), 5 to 95 % of the samples (band), ± 1.96 times "
+        "the noise (dotted). The line of a good model stays at zero."
+    )
+    return Section(id="agreement", title="Measured and predicted", text=[legend] * bool(parts), parts=parts)
 
 
 def _few_of_each(segment: NDArray[np.int32], kept: Index) -> Index:
@@ -282,6 +290,7 @@ def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
 
 def _failures(content: _Content) -> Section:
     comparison, keys = content.comparison, content.table["key"]
+    several = len({wheel.windows.samples.wheel for wheel in comparison.wheels}) > 1
     rows = [
         (
             _sentence(finding.sentence),
@@ -293,15 +302,17 @@ def _failures(content: _Content) -> Section:
             finding.shape,
             f"{100.0 * finding.share:.0f} %",
             quantities.number(finding.p_value, 2),
-            ", ".join(f"{wheel} {segment}" for _, wheel, segment in finding.worst_segments) or "–",
+            ", ".join(f"{wheel} " * several + str(n) for _, wheel, n in finding.worst_segments) or "–",
         )
         for finding in comparison.failures
     ]
     head = ("Finding", "Channel", "Driver", "Shape", "Share of the misfit", "p", "Worst segments")
     parts: list[Table | Chart] = []
     if rows:
-        note = "p holds for all findings together. The share is of the misfit beyond noise."
-        parts.append(Table("What the misfit follows", head, rows, frozenset({4, 5}), note))
+        note = (
+            "p allows for all channels, drivers and shapes tested. The share is of the misfit beyond noise."
+        )
+        parts.append(Table("Findings, the strongest first", head, rows, frozenset({4, 5}), note))
     for name, what in shown_samples.channels(comparison).items():
         noise = comparison.channels[name].noise * what.factor
         pooled = shown_samples.pairs(comparison, name)
@@ -314,12 +325,7 @@ def _failures(content: _Content) -> Section:
                     drive_charts.residual(along, pooled, what.in_unit, noise, keys, content.chosen),
                 )
             )
-    legend = (
-        "Each picture shows measured less predicted values against something that may drive them: median "
-        "(line), 5 to 95 % of the samples (band), ± 1.96 times the noise (dotted). The line of a good model "
-        "stays at zero."
-    )
-    text = [legend]
+    text = ["The pictures show the residuals against the quantities that they may depend on."]
     if not rows and above_noise(over_noise(comparison)):
         text.insert(0, "No recorded channel tracks the misfit significantly.")
     return Section(id="failures", title="Where it fails", text=text, parts=parts)
