@@ -60,7 +60,7 @@ def merged(scores: Array, chain: Index, *, fewest: int, independent: float) -> I
     """
     label = np.arange(len(scores))
     while True:
-        if _neighbours(scores, chain) <= independent:
+        if neighbours(scores, chain) <= independent:
             return label
         starts = np.flatnonzero(np.concatenate([[True], chain[1:] != chain[:-1]]))
         place = np.arange(len(chain)) - np.repeat(starts, np.diff(np.append(starts, len(chain))))
@@ -74,7 +74,7 @@ def merged(scores: Array, chain: Index, *, fewest: int, independent: float) -> I
         scores, chain, label = joined, chain[first], pair[label]
 
 
-def _neighbours(scores: Array, chain: Index) -> float:
+def neighbours(scores: Array, chain: Index) -> float:
     """Correlate the scores of blocks with those of the next, over all scores."""
     if len(scores) < 3:
         return 0.0

@@ -242,7 +242,8 @@ def _between_segments(
     names = [name for name in levels if any(name in wheel.measured for wheel in common)]
     scale = {name: size for name in names if (size := scale_of(common, name, np.nan)) > 0.0}
     known = {(finding.channel, finding.driver) for finding in before}
-    return Residuals(common, block, scale, found=known).findings(levels, seed)
+    found = Residuals(common, block, scale, found=known).findings(levels, seed)
+    return [replace(one, sentence=f"with one soil for all segments, {one.sentence}") for one in found]
 
 
 def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:

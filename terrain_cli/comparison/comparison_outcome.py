@@ -196,7 +196,7 @@ class Comparison:
 
     @property
     def at_limit(self) -> tuple[str, ...]:
-        """Conditions that leave out the samples in which a sensor is at its limit."""
+        """Conditions that leave out the samples in which a sensor is stuck or at its limit."""
         return tuple(dict.fromkeys(one.beyond for one in self._doubts if one.beyond))
 
     @property

@@ -144,9 +144,13 @@ class Residuals:
         return replace(shape, at=at, low=low, high=high, until=until)
 
     def _differs(self, name: str) -> bool:
-        """Tell whether a driver varies more between segments than within them."""
+        """Tell whether a driver varies more between segments than within them, and not along the drive.
+
+        What is much the same in neighbouring segments a soil that changes once or twice would follow, too.
+        """
         whole = inside = 0.0
-        for wheel, rows, one in zip(self.wheels, self.rows, self.evidence, strict=True):
+        means, chain = [], []
+        for index, (wheel, rows, one) in enumerate(zip(self.wheels, self.rows, self.evidence, strict=True)):
             values = one.drivers.get(name, np.full(len(rows), np.nan))
             known = np.isfinite(values)
             if not known.any():
@@ -156,7 +160,13 @@ class Residuals:
             mean = np.bincount(segment, values[known]) / np.maximum(count, 1)
             inside += float(((values[known] - mean[segment]) ** 2).sum())
             whole += float(((values[known] - values[known].mean()) ** 2).sum())
-        return inside < 0.5 * whole
+            means.append(mean[count > 0])
+            chain.append(np.full(len(means[-1]), index))
+        if not inside < 0.5 * whole:
+            return False
+        alike = blocks.neighbours(np.concatenate(means)[:, None], np.concatenate(chain))
+        # In standard errors of a correlation of what is unrelated.
+        return name in self.labels or alike <= criteria.AS_GOOD * sum(map(len, means)) ** -0.5
 
     @cached_property
     def _search(self) -> Search:

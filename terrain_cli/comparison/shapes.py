@@ -14,8 +14,8 @@ _THRESHOLDS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 _LONGEST_STRETCH = 4
 _SCALES = (0.1, 0.25)  # Parts of a driver's range within which a saturating curve levels off
 _FEW_LEVELS = 6  # A driver of so few values is taken as steps between them
-#: Turns of the wheel that one period may take, in parts of a turn.
-HARMONICS = (1, 2, 3, 4, 6, 8, 9, 10, 12, 15, 16, 18, 20, 24, 30, 36)
+#: Periods in a turn of the wheel: grousers, teeth and lobes of gears may be of any number up to these.
+HARMONICS = tuple(range(1, 37))
 
 
 @dataclass(frozen=True, kw_only=True)

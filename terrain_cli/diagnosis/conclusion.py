@@ -52,7 +52,7 @@ def _concluded(found: Evidence, asked: Asked) -> Conclusion:
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     limited = _at_limit(found, asked)
     doubtful = limited or (_doubtful(found, asked) if above or found.raised else None)
-    if doubtful or (found.raised and not few and not _refused(found)):
+    if doubtful or (found.raised and not few and not _refused(found) and not found.vain):
         elsewhere = doubtful or _in_a_stretch(found, asked)
         cause, command = elsewhere or _next(found, asked)
         if (limited or found.verdict is None) and known and not above:
@@ -77,7 +77,9 @@ def _concluded(found: Evidence, asked: Asked) -> Conclusion:
         return Conclusion("fits", told)
     if few or (not known and not found.raised):
         return _undecided(found, above, asked, few=few)
-    if above or found.raised or found.tracked:
+    # What a loop left unexplained is no less so where a comparison, which looks at less, finds nothing.
+    left = found.ended and found.verdict is None and not (found.impossible or found.beyond)
+    if above or found.raised or found.tracked or left:
         return _unexplained(found, above, known, asked)
     return _fits(found, known, asked)
 
@@ -289,14 +291,15 @@ def _doubtful(found: Evidence, asked: Asked) -> tuple[str, str] | None:
 
 
 def _at_limit(found: Evidence, asked: Asked) -> tuple[str, str] | None:
-    """Leave out the samples in which a sensor is at its limit: what they miss may pass for noise."""
+    """Leave out the samples in which a sensor is stuck or at its limit: what they miss may pass for noise."""
     if not found.at_limit:
         return None
     channels = listed([one.split()[0].replace("_", " ") for one in found.at_limit])
     kept = asked
     for condition in found.at_limit:
         kept = kept.where(condition)
-    return f"{channels} may be at the limit of a sensor: leave these samples out", kept.looked("compare")
+    cause = f"the sensor of {channels} may be stuck, or at its limit: leave these samples out"
+    return cause, kept.looked("compare")
 
 
 def _in_a_stretch(found: Evidence, asked: Asked) -> tuple[str, str] | None:

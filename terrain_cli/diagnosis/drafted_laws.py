@@ -30,6 +30,8 @@ from terrain_cli.vocabulary.quantities import listed
 SHOWN = tuple(UNITS)  # Quantities that a draft changes: what a channel shows, then what is in the ground
 #: What models read from a sensor, of which a draft changes the zero and the gain.
 _READ = ("load", "slip")
+#: Channels that act on a sensor from outside, as further columns may: heat and age.
+_AROUND = frozenset({"motor_temperature", "time"})
 SENSED = (*SHOWN, *_READ)
 IN_THE_GROUND = ("tan_phi", "cohesion", "stiffness", "shear_modulus")
 _NO_CAUSE = frozenset({"torque", "drawbar_pull"})  # Drivers of which no law is made: these are predicted
@@ -169,8 +171,10 @@ def screen(
 
 def forms(changes: str, driver: str, *, on_or_off: bool) -> Sequence[str]:
     """Name the forms in which a quantity may follow a driver, which may be one that is on or off."""
+    around = is_column(driver) or driver in _AROUND
     if changes in _READ or driver == changes:
-        return ("linear",) if driver == changes and changes in _READ else ()
+        # The zero of a sensor moves with its surroundings; what the wheel does, it rather shows.
+        return ("linear",) if changes in _READ and (around or driver == changes) else ()
     if driver == ANGLE:
         return ("periodic",) if changes in SHOWN else ()
     if on_or_off:

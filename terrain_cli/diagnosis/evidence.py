@@ -41,7 +41,7 @@ class Evidence:
     # By the strongest finding: beginning and end, in s, of a stretch that differs from all others
     stretch: tuple[float, float] | None = None
     doubted: tuple[str, ...] = ()  # Signs and units of channels that are improbable
-    at_limit: tuple[str, ...] = ()  # Conditions that leave out samples in which a sensor is at its limit
+    at_limit: tuple[str, ...] = ()  # Conditions of samples whose sensor is neither stuck nor at its limit
     verdict: Verdict | None = None  # Of a diagnosis; None where there was none
     family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
     share: float = math.nan  # Of the misfit, that any of them, or else a law, explains at the most
@@ -155,6 +155,11 @@ class Evidence:
     def above(self) -> dict[str, float]:
         """The ratios that are more than those of noise, and of test points than chance gives."""
         return beyond_chance(self.ratios, self.blocks, points=self.points)
+
+    @property
+    def vain(self) -> bool:
+        """Whether a diagnosis names only what takes nothing off the errors: as printed, 0 %."""
+        return self.verdict == "family" and not self.together and self.share < 0.005
 
     @property
     def misses(self) -> bool:

@@ -109,13 +109,16 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
 
 def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     """Say what remains of several effects, or of one that is not sure."""
-    most = max((one.explained for one in diagnosis.candidates if one.in_family), default=math.nan)
+    doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
+    # What is doubted explains nothing, unless all that is left is doubted.
+    credible = [name for name in diagnosis.family if name not in doubts] or diagnosis.family
+    shares = (one.explained for one in diagnosis.candidates if one.in_family and one.effect in credible)
+    most = max(shares, default=math.nan)
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     if most <= criteria.STEPS_SHARE and not diagnosis.together:
-        least = listed(diagnosis.family, "or")
+        least = listed(credible, "or")
         return f"No effect explains most of the misfit: {least} explains at most {most:.0%}.{better}"
     told = _told(first)
-    doubts = {one.effect: one.doubt for one in diagnosis.candidates if one.doubt}
     named = {name: f"{name} ({doubts[name]})" if name in doubts else name for name in diagnosis.family[1:]}
     doubtful = [name for name in named if name in doubts and first.effect not in doubts]
     others = [text for name, text in named.items() if name not in doubtful]

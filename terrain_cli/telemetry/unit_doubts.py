@@ -134,7 +134,7 @@ class Doubt(Notice):
     __slots__ = ("beyond", "of")
 
     of: str  # Such as "the sign of drawbar pull", where a line of rover.toml would settle it; else empty
-    #: Of a sensor at its limit, the condition of the samples on this side: "torque < 10.3"; else empty
+    #: Of a sensor that is stuck or at its limit, the condition of the other samples: "torque < 10.3"
     beyond: str
 
     def __new__(cls, text: str, of: str = "", beyond: str = "") -> Self:
@@ -318,7 +318,7 @@ def stuck(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
                 share = len(same) / len(columns[0])
                 where = "every sample" if always else f"{share:.0%} of the samples, one after another"
                 what = f"{name} is {same[0]:.4g} in {where}, while {other} goes from {low:.3g} to {high:.3g}"
-                return Suspicion(what, name)
+                return Suspicion(what, name, beyond="" if always else _apart_from(name, float(same[0])))
         return None
 
     return check
@@ -337,12 +337,17 @@ def limited(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
                     share = 1.0 - len(rest) / len(column)
                     what = f"{name} is {end:.4g} in {share:.0%} of the samples, and never {never}: a sensor,"
                     what += " or what reads it, may be at its limit"
-                    # A little on this side, so that a rounded condition leaves out the limit itself.
-                    inside = end - 1e-6 * abs(end) if sign == "<" else end + 1e-6 * abs(end)
-                    return Suspicion(what, name, beyond=f"{name} {sign} {inside:.7g}")
+                    return Suspicion(what, name, beyond=_apart_from(name, end, sign))
         return None
 
     return check
+
+
+def _apart_from(name: str, value: float, *sides: str) -> str:
+    """Write the condition of the samples on these sides of a value, by default on both."""
+    # A little on this side, so that a rounded condition leaves out the value itself.
+    ends = {"<": value - 1e-6 * abs(value), ">": value + 1e-6 * abs(value)}
+    return " or ".join(f"{name} {sign} {ends[sign]:.7g}" for sign in sides or ends)
 
 
 def _frozen(values: Array) -> slice | None:

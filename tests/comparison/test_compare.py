@@ -277,6 +277,32 @@ def test_one_soil_is_fitted_to_each_terrain_between_segments():
     assert compared.wheels[0].drivers["terrain"].labels == ("sand", "gravel")
 
 
+def test_a_soil_that_changes_once_in_a_drive_with_gaps_is_no_misfit():
+    """The pieces of one soil are alike, and so is what rises along the drive, as a motor's temperature."""
+    samples = samples_of(1, Kind(two=True))
+    bounds = list(range(0, len(samples) + 1, len(samples) // 16))
+    assert compare([all_of(samples, bounds)], Model()).failures == []
+
+
+def test_a_finding_on_one_soil_for_all_segments_says_so():
+    """The errors that are printed are those of the segments' own soils."""
+    hidden, _ = MISFITS["second pass 40 % stiffer"]
+    found = compare([windows_of(1, Kind(hidden, runs=True))], Model()).failures
+    between = [one.sentence for one in found if one.driver == "pass_number"]
+    assert between
+    assert all(one.startswith("with one soil for all segments, the model ") for one in between)
+
+
+def test_a_ripple_is_found_however_many_grousers_nobody_counted():
+    samples = samples_of(3, Kind())
+    angle = np.cumsum(samples.channels["angular_velocity"]) * np.median(np.diff(samples.time))
+    torque = samples.channels["torque"] * (1.0 + 0.1 * np.sin(11.0 * angle))
+    found = compare([all_of(replace(samples, channels={**samples.channels, "torque": torque}))], Model())
+    (one,) = found.failures
+    assert (one.channel, one.driver) == ("torque", "wheel_angle")
+    assert one.sentence.endswith("11 times in a turn of the wheel")
+
+
 def test_drivers_are_without_the_noise_that_is_in_the_predictions():
     samples = samples_of(1, Kind())
     (wheel,) = compare([all_of(samples)], Model()).wheels

@@ -56,7 +56,8 @@ def test_samples_in_which_a_sensor_is_at_its_limit_are_left_out_first(ratios, be
     limits = ("torque < 4.99", "load > 10")
     told = conclude(evidence(ratios, at_limit=limits, verdict=verdict), ASKED)
     assert told.sentence.startswith(begins)
-    assert "torque and load may be at the limit of a sensor: leave these samples out." in told.sentence
+    why = "the sensor of torque and load may be stuck, or at its limit: leave these samples out."
+    assert why in told.sentence
     condition = "(torque < 4.99) and (load > 10)"
     assert told.command == f"terrain-est compare 'a run.csv' --segments none --where '{condition}'"
 
@@ -119,6 +120,10 @@ def test_after_a_loop_that_found_nothing_none_is_proposed():
     told = conclude(evidence(FINE, **after), ASKED)
     assert told.sentence == conclude(evidence(FINE, **after, **loop), ASKED).sentence
     assert told.sentence.startswith("The model fits as well as these data can tell: ")
+    # Also where what it looks at shows nothing, or an effect that lowers no error.
+    for weak in ("", "crust (p 0.005)"):
+        now = evidence(FINE, refused=("slope",), ended=True, weak=weak)
+        assert conclude(now, ASKED).sentence == told.sentence
     # A law that was drafted after that was not tried.
     law = {"verdict": "unknown", "law": "torque follows load", "refused": ("slope",), "ended": True}
     assert conclude(evidence(OFF, raised=True, **law), ASKED).command.endswith("--draft law.toml")

@@ -154,6 +154,25 @@ def test_no_gain_follows_what_the_wheel_does(driver, drafted):
     assert "gain" not in drafted_laws.forms("tan_phi", driver, on_or_off=False)
 
 
+@pytest.mark.parametrize(
+    ("driver", "drafted"),
+    [("cell_temperature", True), ("motor_temperature", True), ("time", True), ("velocity", False)],
+)
+def test_the_zero_of_a_load_cell_may_follow_its_surroundings(driver, drafted):
+    assert ("linear" in drafted_laws.forms("load", driver, on_or_off=False)) is drafted
+
+
+def test_a_load_cell_whose_zero_warms_up_is_drafted():
+    (windows,) = windows_of(78, Kind(seconds=64.0, rate=10.0))
+    samples = windows.samples
+    load = samples.channels["load"]
+    warm = np.linspace(0.0, 30.0, len(load)) + 4.0 * np.sin(np.arange(len(load)) / 37.0)
+    channels = {**samples.channels, "load": load + 0.004 * load.mean() * warm, "cell_temperature": warm}
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    assert found.effect is None
+    assert (found.unknown.channel, found.unknown.driver) == ("load", "cell_temperature")
+
+
 def test_what_follows_the_time_is_told_with_its_other_cause():
     """A tether that pulls more and more, or a soil that varies along the drive."""
     (windows,) = windows_of(79, Kind(seconds=64.0, rate=10.0))

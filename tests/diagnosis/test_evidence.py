@@ -171,6 +171,26 @@ def test_what_an_effect_explains_is_told_of_the_soils_that_it_stands_for(after, 
 
 
 @pytest.mark.parametrize(
+    ("explained", "told"),
+    [
+        (0.0, "no effect explains it significantly; held-out data can test sensor-lag. Next: "),
+        (0.02, "load-transfer explains a part of it, but this is not certain. Next: "),
+    ],
+)
+def test_what_takes_nothing_off_an_error_is_not_said_to_explain_a_part_of_it(explained, told):
+    """It predicts best once the noise is weighed, and the errors that are printed do not fall."""
+    found = diagnosis(
+        verdict="family",
+        family=("load-transfer",),
+        candidates=[
+            candidate("load-transfer", explained=explained, heldout={"torque": 5.0}),
+            candidate("sensor-lag", explained=0.76, heldout={"torque": 2.0}),
+        ],
+    )
+    assert told in conclude(Evidence.of_diagnosis(found), ASKED).sentence
+
+
+@pytest.mark.parametrize(
     ("settles", "heldout", "left"),
     [
         (True, 1.0, ("the unit of load",)),

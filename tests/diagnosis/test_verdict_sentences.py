@@ -73,6 +73,16 @@ def test_without_a_finding_the_name_comes_first():
     assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4)), []).startswith("Most likely cause: gear-efficiency")
 
 
+def test_what_explains_nothing_is_no_probable_cause_beside_what_is_not_believed():
+    found = diagnosed((0.4, 5.0, 6e-4), "family")
+    found.family = ("sensor-lag", "gear-efficiency")
+    found.candidates[0].doubt = "physically impossible"
+    lag = SimpleNamespace(effect="sensor-lag", sizes={}, doubt="", in_family=True, explained=0.0)
+    found.candidates.insert(0, lag)
+    told = "No effect explains most of the misfit: sensor-lag explains at most 0%."
+    assert verdict.sentence(found, []).endswith(told)
+
+
 def test_of_a_family_those_of_a_doubtful_size_are_marked():
     found = diagnosed((0.4, 5.0, 6e-4), "family")
     found.family = ("gear-efficiency", "slope", "crust")

@@ -252,6 +252,9 @@ def test_a_channel_that_is_frozen_for_a_part(name, pulling, judged):
     assert re.search(
         rf"{name} is [\d.]+ in 58% of the samples, one after another, while slip goes from", told[0]
     )
+    # The others have the condition that every verb proposes.
+    (condition,) = re.findall(r"leave these out: --where '(.+)'$", told[0])
+    assert len(frozen.query(condition)) == len(frozen) - 351
     # Held until the next value comes, or rounded: so all the time, not for a part.
     for whole in (
         pulling[name].where(pulling.index % 100 == 0).ffill(),
