@@ -98,25 +98,20 @@ class TestRightEffect:
         assert added["alarm"]["silent"]
         assert added["conclusion"]["state"] == "fits"
 
-    def test_says_what_compare_says_of_the_same_model(self, added, here, terrain_est_here):
-        done = terrain_est_here("compare", "sinks.csv", "--model", "model.toml", "--json", *CUT, cwd=here)
-        compared = json.loads(done.stdout)
+    def test_says_what_other_commands_say_of_the_same_model(self, added, here, terrain_est_here):
+        common = ("sinks.csv", "--model", "model.toml", *CUT)
+        compared = json.loads(terrain_est_here("compare", *common, "--json", cwd=here).stdout)
+        terrain_est_here("estimate", *common, "--csv", "--summary", "soil.json", cwd=here)
+        (own,) = json.loads((here / "soil.json").read_text("utf-8"))["inputs"]
+        others = [compared["parameters"][0], own["wheels"][0]["model"]["parameters"]]
+        for one in added["parameters"]:
+            for other in (*others, models.load("model.toml").history[0]["parameters"]):
+                assert other[one["name"]]["value"] == pytest.approx(one["value"], rel=1e-5)
+                assert other[one["name"]]["se"] == pytest.approx(one["se"], rel=1e-5)
         assert compared["conclusion"] == added["conclusion"]
         assert len(compared["failures"]) == len(added["alarm"]["failures_after"])
         for name, errors in compared["channels"].items():
             assert added["channels"][name]["noise"] == pytest.approx(errors["noise"], rel=0.02)
-
-    def test_parameters_are_those_of_every_verb(self, added, here, terrain_est_here):
-        for_model = ("sinks.csv", "--model", "model.toml", *CUT)
-        compared = json.loads(terrain_est_here("compare", *for_model, "--json", cwd=here).stdout)
-        terrain_est_here("estimate", *for_model, "--csv", "--summary", "soil.json", cwd=here)
-        (of_input,) = json.loads((here / "soil.json").read_text("utf-8"))["inputs"]
-        estimated = of_input["wheels"][0]["model"]["parameters"]
-        (entry,) = models.load("model.toml").history
-        for table in (compared["parameters"][0], estimated, entry["parameters"]):
-            for one in added["parameters"]:
-                known = table[one["name"]]["value"], table[one["name"]]["se"]
-                assert known == pytest.approx((one["value"], one["se"]), rel=1e-5)
 
     def test_parameter_and_shift_of_the_soil(self, added):
         n1 = added["parameters"][0]

@@ -250,3 +250,13 @@ def test_tables_are_read_without_pandas(tmp_path, ending):
     root = Path(__file__).parents[2]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root)
     assert done.stdout == "40 False\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("run.bag", "a ROS 1 bag"), ("run.mcap", "MCAP"), ("run.parquet", "Parquet")]
+)
+@pytest.mark.parametrize("content", [b"\xe9" * 99, b"\0\1" * 99], ids=["no UTF-8", "binary"])
+def test_a_file_that_is_not_what_its_name_says(name, kind, content):
+    Path(name).write_bytes(content)
+    with pytest.raises(FormatError, match=f"is not {kind}, though its name says so"), open_source(name):
+        pytest.fail("it was opened")
