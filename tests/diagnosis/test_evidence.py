@@ -255,7 +255,7 @@ def test_what_an_effect_of_the_model_came_to_is_told(effect, shared, beyond, abs
     torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
     named = {"base": "wong-reece", "effects": [effect]}
     found = Evidence.of_comparison(
-        compared_to({"torque": torque}, scores=None, wheels=[wheel], limited=limited, model=named)
+        compared_to({"torque": torque}, scores=None, wheels=[wheel], limited=lambda: limited, model=named)
     )
     assert (dict(found.beyond), found.absent) == (beyond, absent)
 
@@ -273,7 +273,8 @@ def test_nature_bounds_the_sum_of_an_effect_and_a_drafted_law_of_the_same(furthe
     fit = SimpleNamespace(shared=values, under=(60.0, 0.1), undetermined=set())
     wheel = SimpleNamespace(model=SimpleNamespace(effects=(friction, law)), fit=fit)
     torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
-    known = {"wheels": [wheel], "limited": [(values, 1e-4 * np.eye(1), {}, fit.under)]}
+    limited = [(values, 1e-4 * np.eye(1), {}, fit.under)]
+    known = {"wheels": [wheel], "limited": lambda: limited}
     known["model"] = {"base": "wong-reece", "effects": [friction.id, law.id]}
     found = Evidence.of_comparison(compared_to({"torque": torque}, scores=None, **known))
     assert (not found.beyond) is made_up

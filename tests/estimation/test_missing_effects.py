@@ -13,7 +13,7 @@ import terrain_cli as terrain
 from terrain_cli.effects import find
 from terrain_cli.estimation import estimators
 from terrain_cli.estimation.further_unknowns import suspects
-from terrain_cli.estimation.wheel_fit import fit, missing_effects
+from terrain_cli.estimation.wheel_fit import Prior, fit, missing_effects
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 WHEEL = Wheel(0.125, 0.1)
@@ -68,7 +68,7 @@ def windows_of(tmp_path_factory):
     return windows
 
 
-def scored(monkeypatch, hidden, effects, **fixed):
+def scored(monkeypatch, hidden, effects, windows=1, priors=None, **fixed):
     """Return scores by parameter, and how far each would move c and tan φ, with the fit they are about."""
     kept = {}
 
@@ -80,7 +80,8 @@ def scored(monkeypatch, hidden, effects, **fixed):
     table = columns(hidden)
     n = len(table["time"])
     geometry = WheelGeometry(WHEEL.radius, WHEEL.width)
-    found = fit(Model(), geometry, table, [0, n], fixed=fixed, suspects=[find(one) for one in effects])
+    bounds, suspects = np.linspace(0, n, windows + 1).astype(int), [find(one) for one in effects]
+    found = fit(Model(), geometry, table, bounds, fixed=fixed, priors=priors, suspects=suspects)
     of = kept["scores"]
     moves = dict(zip(of.names, of.moves[0, :2].T, strict=True))
     return dict(zip(of.names, of.score, strict=True)), moves, found
@@ -89,6 +90,13 @@ def scored(monkeypatch, hidden, effects, **fixed):
 def test_scores_are_small_where_nothing_is_missing(monkeypatch):
     score, _, _ = scored(monkeypatch, "", HIDDEN)
     assert max(map(abs, score.values())) < 3.5
+
+
+def test_what_is_wrongly_known_of_one_soil_counts_once_in_all_its_windows(monkeypatch):
+    """Else any effect would score that brings k nearer to what rover.toml says of it."""
+    far = {"shear_modulus": Prior.factor(4.0 * DRY_SAND.shear_modulus, 1.6)}
+    score, _, _ = scored(monkeypatch, "", HIDDEN, windows=20, priors=far)
+    assert max(map(abs, score.values())) < 3.0
 
 
 @pytest.mark.parametrize("effect", HIDDEN)

@@ -9,6 +9,7 @@ S as samples make an independent one.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -18,8 +19,9 @@ from terrain_cli.estimation.line.window_estimates import STRENGTH_HOLDS
 from terrain_cli.estimation.wheel_fit.excess_scatter import memory
 from terrain_cli.estimation.wheel_fit.fit_data import FitData
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, Parameters
-from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, accumulate, eliminate
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate
 from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem, solve_lower
+from terrain_cli.estimation.wheel_fit.normal_equations import Eliminated, arrow, posterior_covariance
 from terrain_cli.estimation.wheel_fit.unknowns import EFFECT_SCALES, Unknown, unknown
 from terrain_cli.estimation.wheel_fit.wandering_channels import wandering
 from terrain_cli.mechanics.dual import slopes
@@ -208,18 +210,17 @@ def scores(
     weighted = both * rest.weight
     information = window_products(weighted, both, data.bounds)
     score = segment_sum(np.einsum("apn,an->pn", weighted, rest.residual), data.bounds).T
-    normal = Normal(information, score, np.zeros(len(t)))
     common = np.concatenate([common, np.zeros(len(added))])
-    _, gain, left = eliminate(normal, local)
-    score = normal.score[:, local:].sum(axis=0) - common
-    score += np.einsum("wpm,wp->m", gain, normal.score[:, :local] - t)
+    *_, moves = _eliminated(information, local, before, 1.0)
+    # Windows of a log may be of one soil: what is known of it beforehand counts once, not in each of them.
+    share = 1.0 / max(int(np.count_nonzero(data.count)), 1)
+    every, left, along, gain = _eliminated(information, local, before, share)
+    score = score[:, local:].sum(axis=0) - common + every.pull(score[:, :local] - share * t)
     # What all windows share is eliminated as well.
-    along = -np.linalg.solve(left[:before, :before], left[:before, before:])
     score = score[before:] + along.T @ score[:before]
     # That of their priors at the least, but for rounding.
-    information = np.maximum(np.diag(left[before:, before:] + left[before:, :before] @ along), 1.0)
-    gain = gain[:, :, before:] + gain[:, :, :before] @ along
-    size = score / information
+    known = np.maximum(np.diag(left[before:, before:] + left[before:, :before] @ along), 1.0)
+    size = score / known
 
     residual = rest.residual * rest.weight
     shown = both[:, local + before :] + np.einsum("apn,pm->amn", both[:, local : local + before], along)
@@ -229,11 +230,27 @@ def scores(
     lasting = memory(chance, data.bounds, together=True)[:, 0]
     return ScoredEffects(
         names=tuple(one.name for one in added),
-        score=score / np.sqrt(information * lasting),
-        known=(information - 1.0) / lasting,
-        gain=gain,
-        moves=gain * size,
+        score=score / np.sqrt(known * lasting),
+        known=(known - 1.0) / lasting,
+        gain=moves,
+        moves=moves * size,
     )
+
+
+def _eliminated(
+    information: Array, local: int, before: int, share: float
+) -> tuple[Eliminated, Array, Array, Array]:
+    """Eliminate the windows' own unknowns, of whose priors a share counts, and those that all share.
+
+    Return the first, S of what is left, and how the shared and the own unknowns change with what was added to
+    the `before` shared ones.
+    """
+    priors = np.diag(np.repeat([share, 1.0], [local, information.shape[1] - local]))
+    found, shared = arrow(information, local, priors, partial(posterior_covariance, least=share))
+    left = shared - found.taken()
+    along = -np.linalg.solve(left[:before, :before], left[:before, before:])
+    gain = found.gain[:, :, before:] + found.gain[:, :, :before] @ along
+    return found, left, np.asarray(along, dtype=float), np.asarray(gain)
 
 
 class _AtRest(NamedTuple):
