@@ -157,6 +157,7 @@ def tried(
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, [one.segments for one, _ in pairs])
     channels, evidence = weigh(first, second, compared_after)
+    open_before = _open(first)
     return Step(
         action=action,
         changed=tuple(changed),
@@ -170,7 +171,7 @@ def tried(
         evidence=evidence,
         parameters=list(_parameters(second, after, changed)),
         shifts=[_shift(name, differences, places) for name in ("c", "phi")],
-        undetermined=tuple(name for name, n in _open(second).items() if n > _open(first).get(name, 0)),
+        undetermined=tuple(name for name, n in _open(second).items() if n > open_before.get(name, 0)),
         lost=list(_lost(pairs, places)),
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(with_it, file, changed),
