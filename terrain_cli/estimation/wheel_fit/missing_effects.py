@@ -1,8 +1,9 @@
 """Whether effects that a model lacks show in its residuals, and how far each would move what was fitted.
 
 Each parameter of an effect is tested at its null (Rao 1948). With the whitened residuals r, their derivatives
-g by the parameter and J by what was fitted, u = gᵀr + Gᵀ (Jᵀr − t) is its score when all else is fitted anew,
-priors counted in, and the information S left of it the variance of u (`normal_equations`). To first order
+g by the parameter and J by what was fitted, u = gᵀr + Gᵀ (Jᵀr − t / w) is its score when all else is fitted
+anew, and the information S left of it the variance of u (`normal_equations`). Priors are counted in: those of
+the soil once in all w windows, which may be of one soil, and not in each of them. To first order
 the parameter is u / S, and moves the others by G u / S. Where noise lasts, the variance of u is as many times
 S as samples make an independent one.
 """
@@ -212,7 +213,6 @@ def scores(
     score = segment_sum(np.einsum("apn,an->pn", weighted, rest.residual), data.bounds).T
     common = np.concatenate([common, np.zeros(len(added))])
     *_, moves = _eliminated(information, local, before, 1.0)
-    # Windows of a log may be of one soil: what is known of it beforehand counts once, not in each of them.
     share = 1.0 / max(int(np.count_nonzero(data.count)), 1)
     every, left, along, gain = _eliminated(information, local, before, share)
     score = score[:, local:].sum(axis=0) - common + every.pull(score[:, :local] - share * t)
