@@ -94,6 +94,21 @@ def test_effort_is_left_to_the_user(draft):
     assert 'topic = "/front_left/sinkage" }  # 0.00492 … 0.02296 m; no unit is stated' in "\n".join(own)
 
 
+def test_effort_of_a_table_is_left_to_the_user_too(draft, terrain_est_here, tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("time,load,effort,sinkage,slip\n0,80,3,0.01,0.1\n1,81,3,0.01,0.2\n")
+    lines = draft(log)[0].splitlines()
+    asked = lines.index('# torque = { column = "effort", unit = "N m" }')
+    assert "effort may be the torque at the wheel, or the current" in lines[asked - 1]
+    instead = 'motor_current = { column = "effort", unit = "A" }  # instead, if that is what effort is here'
+    assert lines[asked + 1].startswith(f"# {instead}")
+    sizes = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
+    (tmp_path / "rover.toml").write_text(sizes)
+    assert f"# {instead}" in terrain_est_here("estimate", log).stderr
+    log.write_text("time,load,effort_left,effort_right,tractive_effort,sinkage,slip\n0,80,3,4,5,0.01,0.1\n")
+    assert 'torque = { column = "…", unit = "N m" }  # one of: effort_left, effort_right' in draft(log)[0]
+
+
 @pytest.mark.skipif(not BAGS.is_dir(), reason="the measured data are not here")
 @pytest.mark.parametrize(
     ("name", "missing"),

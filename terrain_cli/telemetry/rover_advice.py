@@ -30,6 +30,8 @@ SOURCES = (
 MOST = 8  # More names than this help nobody
 #: In the name of a column that may be the drawbar pull.
 _PULL = re.compile(r"tract(ive|ion)|drawbar|thrust|(^|[^a-z])(pull|dp|fx)($|[^a-z])", re.IGNORECASE)
+#: In the name of a column that may hold the effort of a joint; a tractive effort is a force.
+_EFFORT = re.compile(r"(?<!tractive[ _])effort", re.IGNORECASE)
 
 
 class Lack(NamedTuple):
@@ -192,10 +194,22 @@ def proposals(plan: Plan, wheel: str, channel: str) -> list[str]:
     dimension = CHANNELS[channel].dimension
     stated = {name: stated_unit(name, dimension) for name in plan.extras}
     fitting = {name: unit.symbol for name, unit in stated.items() if unit}
+    efforts = [name for name in plan.extras if _EFFORT.search(name)] if channel == "torque" else []
+    if efforts and not fitting:
+        only = efforts[0] if len(efforts) == 1 else "…"
+        return _of_effort(f'column = "{only}"', _one_of(efforts) if only == "…" else "")
     # A unit that is given here stands above that of the header: of several, each has its own.
     symbols = set(fitting.values()) or {units.si(dimension).symbol}
     in_unit = f', unit = "{symbols.pop()}"' if len(symbols) == 1 else ""
     return [f'{channel} = {{ column = "…"{in_unit} }}{_one_of(list(fitting))}']
+
+
+def _of_effort(where: str, comment: str) -> list[str]:
+    """Write the lines for an effort, which is a torque or a current: only the user can tell."""
+    return [
+        f'torque = {{ {where}, unit = "N m" }}{comment}',
+        f'# motor_current = {{ {where}, unit = "A" }}  # instead, if that is what effort is here',
+    ]
 
 
 def pulls(plan: Plan, channels: Collection[str]) -> dict[str, str]:
@@ -293,10 +307,7 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
         joint = match_name(wheel, names) or (names[0] if len(names) == 1 else "…")
         which = f"index = {joint}" if joint.isdigit() else f'name = "{joint}"'
         where = f'topic = "{topic}", field = "effort", {which}'
-        return [
-            f'torque = {{ {where}, unit = "N m" }}{_one_of(names) if joint == "…" else ""}',
-            f'# motor_current = {{ {where}, unit = "A" }}  # instead, if that is what effort is here',
-        ]
+        return _of_effort(where, _one_of(names) if joint == "…" else "")
     numbers = {
         stream.topic: [f.name for f in stream.fields if f.kind == "number" and "header." not in f.name]
         for stream in streams
