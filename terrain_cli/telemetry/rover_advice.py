@@ -21,11 +21,13 @@ from terrain_cli.vocabulary.quantities import listed
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.
 _WITH_DIRECTION = {"torque", "drawbar_pull", "acceleration"}
 NOWHERE = "not measured"  # How a reason begins where the data are silent
-#: Every channel from which a needed one, or the place of a sample, may come.
+#: Every channel from which a needed one, or the place of a sample, may come, or which an effect of the
+#: catalogue reads: the errors of an estimate allow for those that it lacks (`further_unknowns.suspects`).
 SOURCES = (
     *NEEDED,
     *("time", "run", "terrain", "entry_angle", "angular_velocity", "velocity", "pitch", "roll", "yaw_rate"),
     *("slip_angle", "motor_current", "motor_temperature", "x", "y", "longitude", "latitude"),
+    *("acceleration", "pass_number"),
 )
 MOST = 8  # More names than this help nobody
 #: In the name of a column that may be the drawbar pull.

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from terrain_cli import effects
 from terrain_cli.rover import Rover
-from terrain_cli.telemetry import rover_advice
+from terrain_cli.telemetry import effect_inputs, rover_advice
 from terrain_cli.telemetry.wheel_samples import NEEDED, Raw
 
 VEHICLE = """
@@ -93,6 +94,13 @@ def test_what_only_rover_toml_can_say(rover_of):
     placeless = rover_of(VEHICLE + '[wheels."mid left"]\n')
     _, lacks = ways("pitch", placeless, "mid left")
     assert lacks[0].lines == ('[wheels."mid left"]', "position = [x, y, z]  # m")
+
+
+def test_what_the_catalogue_reads_is_read_for_an_estimate_as_for_a_comparison():
+    # The drawbar pull is read with every full model. Without the others, the errors of c and φ would be those
+    # of fewer effects than in `compare`.
+    channels, _ = effect_inputs.read(map(effects.find, effects.NAMES))
+    assert channels <= {*rover_advice.SOURCES, "drawbar_pull"}
 
 
 def test_settings(rover_of):
