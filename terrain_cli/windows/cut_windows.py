@@ -212,7 +212,8 @@ def cut(
         if labels is None:
             raise InputError(
                 f"{samples}: there is no terrain label to cut by",
-                hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
+                hint="name its column, or its topic and field, as terrain under [channels] of rover.toml, "
+                "or use --segments auto",
             )
         bounds = label_windows(labels.codes[rows], breaks=breaks)
     elif method == "fixed":

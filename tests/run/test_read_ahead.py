@@ -95,6 +95,7 @@ def test_an_error_of_the_work_ends_the_reading():
 
     with pytest.raises(InputError, match="there is no terrain label") as error:
         long_log.work(long_log.read_ahead(endless()), Settings(segments="terrain"))
+    assert "its column, or its topic and field" in error.value.hint
     assert "--segments auto" in error.value.hint
 
 
