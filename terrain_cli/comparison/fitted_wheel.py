@@ -21,12 +21,10 @@ from terrain_cli.comparison import (
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.estimation import prediction
 from terrain_cli.estimation.estimators import FitSettings
-from terrain_cli.estimation.prediction import By
 from terrain_cli.estimation.wheel_fit import NOISE_LASTS, Fit, fit, samples_a_second
 from terrain_cli.estimation.wheel_fit.fit_result import at_ends
 from terrain_cli.estimation.wheel_fit.late_channels import behind
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
-from terrain_cli.mechanics import past
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.cut_windows import Windows, at_rows, by_terrain
@@ -84,7 +82,7 @@ class FittedWheel:
 
         def past_of(found: Fit) -> dict[str, Any]:
             self.parameters = found.of_windows(settings.fixed)
-            return self.past_of(self._read(smoothed_channels.GAPS), by="load")
+            return self.past_of(self._read(smoothed_channels.GAPS))
 
         self.fit = behind(fitted, past_of, self.channels, settings.fixed)
         self.under = self.fit.under
@@ -264,7 +262,7 @@ class FittedWheel:
         that noise off the load.
         """
         read = self._read(smoothed_channels.GAPS)
-        return {**read, **self.past_of(read, by="sinkage")} if self.model.remembers else read
+        return {**read, **self.past_of(read)} if self.model.remembers else read
 
     @cached_property
     def _from_conditions(self) -> dict[str, Array]:
@@ -371,17 +369,17 @@ class FittedWheel:
         return np.array([part.sum() for part in np.array_split(total, criteria.MOST_BLOCKS)])
 
     def past_of(
-        self, channels: Mapping[str, Any], found: Mapping[str, Array] | None = None, by: By | None = None
+        self, channels: Mapping[str, Any], other: tuple[Model, Mapping[str, Array]] | None = None
     ) -> dict[str, Any]:
-        """Return the past of what is `found`, else predicted, of channels with noise `by` what is said."""
+        """Return the past of what the model, or `other` with its parameters, predicts of all samples.
+
+        Steady test points have none.
+        """
         if (time := self.windows.samples.time) is None:
             return {}
-        known = self.model, self.geometry, channels
-        along = time[self.windows.rows], self.series, channels.get("velocity")
-        if by:
-            return prediction.past_of(*known, self.of_samples(), along, self.measured, by)
-        found = found or prediction.values(*known, self.of_samples, tuple(self.measured))
-        return past.along(*along, found, self.measured)
+        model, parameters = other or (self.model, self.of_samples())
+        clock = time[self.windows.rows], self.series, channels.get("velocity")
+        return prediction.past_of(model, self.geometry, channels, parameters, clock, self.measured)
 
     def smoothed(self, gaps: Mapping[str, int], rows: Index, *, remembering: bool = False) -> dict[str, Any]:
         """Return channels of some usable samples, without the samples' own noise.

@@ -127,8 +127,7 @@ def printed_shares(
         return {}
     before, after = (refits.held_out_errors(some, block, known) for some in (wheels, fitted))
     taken = {name: error**2 - after.get(name, error) ** 2 for name, error in before.items()}
-    # Where the noise is not known, in units of the error.
-    if not sum(taken[name] / np.fmin(known[name], error) ** 2 for name, error in before.items()) > 0.0:
+    if not sum(taken[name] / error**2 for name, error in before.items()) > 0.0:
         return dict.fromkeys(taken, 0.0)
     return {name: max(taken[name], 0.0) ** 0.5 / _size([w.measured for w in wheels], name) for name in taken}
 

@@ -8,6 +8,7 @@ import numpy as np
 from terrain_cli.comparison import blocks
 from terrain_cli.comparison.compare import pooled_noise
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import effect_sizes, refit_ranking, refits
 from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
 from terrain_cli.diagnosis.diagnosis_outcome import (
@@ -131,17 +132,26 @@ def held_out_errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[st
 
 
 def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> list[Fitted]:
-    """Put first, where what is late leads, that with which the errors that every verb prints are lowest.
+    """Put first, of what is late, that with which the errors that every verb prints are lowest.
 
-    Smoothed channels lose what changes fast, and so what tells a lag in time from one in distance.
+    Smoothed channels lose what changes fast: what tells a lag in time from one in distance, and of a short
+    one most. So it comes first, too, where it takes clearly more off the printed errors than what leads.
     """
     late = [pair for pair in ranked if pair[0].late and not refit_ranking.doubt(log.data, *pair)]
-    if len(late) < 2 or late[0] is not ranked[0]:
+    if not late or (ranked[0][0].late and ranked[0] is not late[0]):
         return ranked
+    if late[0] is not ranked[0]:
+        before = as_it_is(log)
+        own, *others = (
+            share_taken(log.comparison, before, held_out_errors(log, refits.on_wheels(log.data, *pair)))
+            for pair in (ranked[0], *late)
+        )
+        if not max(others) - own >= criteria.DRAFT_LEFT:
+            return ranked
 
     def size(pair: Fitted) -> float:
         errors = held_out_errors(log, [refits.fitted_anew(wheel, pair[0]) for wheel in log.data.wheels])
         return float(np.nansum(np.square([*over_noise(log.comparison, errors).values()])))
 
-    first = min(late, key=size)
-    return [first, *(pair for pair in ranked if pair is not first)]
+    late = sorted(late, key=size) if len(late) > 1 else late
+    return [*late, *(pair for pair in ranked if pair not in late)]

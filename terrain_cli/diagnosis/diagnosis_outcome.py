@@ -245,8 +245,10 @@ def share_taken(
 ) -> float:
     """Return the part of the held-out errors beyond the noise that a model takes off.
 
-    `before` are the errors of the model as it is, where they are not those of the comparison. NaN where
-    neither model has an error that is more than noise, or the noise is not known.
+    `before` are the errors of the model as it is, where they are not those of the comparison. Squares are in
+    units of what that leaves in each channel: what is missing may stand out of the noise most in another one
+    than that which an effect mends. NaN where neither model has an error that is more than noise, or the
+    noise is not known.
     """
     first, last = (over_noise(comparison, errors, noise) for errors in (before, after))
     above = above_noise(first)
@@ -255,7 +257,8 @@ def share_taken(
         return 0.0 if after and above_noise(last) else math.nan
     # What fits before and after differs by chance alone.
     compared = [name for name in first if name in above or name in above_noise(last)]
-    beyond = [sum(max(each[name] ** 2 - 1.0, 0.0) for name in compared) for each in (first, last)]
+    units = {name: max(first[name], 1.0) ** 2 for name in compared}
+    beyond = [sum(max(each[n] ** 2 - 1.0, 0.0) / units[n] for n in compared) for each in (first, last)]
     return max(1.0 - beyond[1] / beyond[0], 0.0)
 
 

@@ -220,8 +220,10 @@ def verdict(
         matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
         # A loss of smoothed channels may fall where the errors that every verb prints do not.
         of_law, of_effect = share(tried[0]), share(None)
-        if of_law < criteria.DRAFT_LEFT and not np.isnan(of_effect):
+        if not np.isnan(of_effect) and of_law < max(criteria.DRAFT_LEFT, of_effect):
             return None, False
+        # Nor is it alone where an effect takes nearly as much off them.
+        matched = matched or of_effect >= (1.0 - criteria.DRAFT_LEFT) * of_law
         alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
         # Effects that hardly take off any of them are nothing to tell beside it.
         alone = alone or of_effect <= criteria.RIVAL_WORTH * of_law

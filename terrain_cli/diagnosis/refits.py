@@ -110,9 +110,8 @@ def ground(
 def _remembering(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> SmoothedData:
     """Add what a solution predicts along whole stretches, without what it has late."""
     inputs = {name: column for name, column in data.inputs.items() if not isinstance(column, Past)}
-    plain = replace(data, inputs=inputs)
-    found, _ = smoothed_model.forecast(wheel.model, plain, solution.of_samples(data.window))
-    return replace(data, inputs={**inputs, **wheel.past_of(inputs, found)})
+    late = wheel.past_of(inputs, (solution.model, solution.of_samples(data.window)))
+    return replace(data, inputs={**inputs, **late})
 
 
 def _settled(

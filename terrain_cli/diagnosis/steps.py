@@ -179,14 +179,14 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
     base = refits.refit(data, None)
     again = processes.each(partial(_again, data), several[: criteria.RIVALS + 2])
     again = sorted(again, key=lambda pair: float(pair[1].loss.sum()))
-    again = late_as_printed(replace(log, data=data), _in_order(data, base, again))
     rest = [(one, refits.weighed(data, refit)) for one, refit in several[criteria.RIVALS + 2 :]]
+    again = late_as_printed(replace(log, data=data), [*_in_order(data, base, again), *rest])
     drafts = [
         replace(one, refit=refits.refit(data, one.hypothesis, one.extra, one.refit.solutions))
         for place, one in enumerate(drafts)
         if place < 2 or one.draft.of_sensor
     ]
-    return Ranked(log=replace(log, data=data), base=base, several=again + rest, drafts=drafts)
+    return Ranked(log=replace(log, data=data), base=base, several=again, drafts=drafts)
 
 
 def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
@@ -312,7 +312,7 @@ def rivals(decision: Decision, members: Sequence[Fitted], listed: Sequence[Candi
 
     Among several causes no drive is worth while to rule out what is none.
     """
-    idle = hardly_explain(listed) - {*decision.together} if decision.together else set()
+    idle = hardly_explain(listed) - {*decision.together}
     doubted = {one.effect for one in listed if one.doubt}
     left = [pair for pair in members if pair[0].id not in idle]
     credible = [pair for pair in left if pair[0].id not in doubted]

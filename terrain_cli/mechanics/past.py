@@ -284,18 +284,13 @@ def along(
     stretch: Index,
     velocity: Array | None,
     predicted: Mapping[str, Array],
-    measured: Mapping[str, Array] | None = None,
     steady: Mapping[str, Array] | None = None,
 ) -> dict[str, Any]:
     """Return what laws call the past of predicted channels, of all samples of a wheel; time in s.
 
-    Noise of the inputs is in a prediction too, and less of it where this is shifted or filtered, so that any
-    lag would seem to help. It is taken off, unless what is `measured` changes from sample to sample as well.
     Derivatives by a lag are of what is `steady`, by default of the same.
     """
     order = np.lexsort((time, stretch))
-    if measured is not None and not _rough(stretch[order], order, predicted, measured):
-        predicted = {name: smooth(time, stretch, one) for name, one in predicted.items()}
     clocks, place = _clocks(time, stretch, velocity, order), np.arange(len(time))
 
     def series(values: Array) -> PredictedSeries:
@@ -340,19 +335,6 @@ def around(
         first = min(first, int(np.searchsorted(column, column[begin] - far)) - 2)
         last = max(last, int(np.searchsorted(column, column[end - 1] + far)) + 3)
     return max(first, 0), min(last, len(time))
-
-
-def _rough(
-    stretch: Index, order: Index, predicted: Mapping[str, Array], measured: Mapping[str, Array]
-) -> bool:
-    """Tell whether some channel shows more than half of how what is predicted changes between samples."""
-    same = stretch[2:] == stretch[:-2]
-    for name in predicted.keys() & measured.keys():
-        change, shown = (np.diff(one[name][order], 2)[same] for one in (predicted, measured))
-        known = np.isfinite(change) & np.isfinite(shown)
-        if change[known] @ shown[known] > 0.5 * (change[known] @ change[known]):
-            return True
-    return False
 
 
 def smooth(time: Array, stretch: Index, values: Array) -> Array:

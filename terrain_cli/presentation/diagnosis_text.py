@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from terrain_cli.comparison import comparison_criteria, kept_aside
+from terrain_cli.diagnosis import diagnosis_criteria
 from terrain_cli.diagnosis.conclusion import Conclusion
 from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, over_noise
 from terrain_cli.diagnosis.evidence import Evidence
@@ -85,17 +86,21 @@ def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:
 def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
     """Say what gives each candidate its place: its loss, or what overrules that.
 
-    "score" where it was not fitted; "plainer" of a first one that has fewer parameters than the next, which
-    has less loss, but not clearly; "behind" where candidates with more loss come before it.
+    "score" where it was not fitted; of a first one, where the next has less loss, "errors" if its printed
+    errors are clearly lower, else "plainer", as it has fewer parameters; "behind" where candidates with more
+    loss come before it.
     """
     fitted = [one for one in candidates if one.refitted]
-    plainer = len(fitted) > 1 and fitted[1].loss < fitted[0].loss and not fitted[1].doubt
+    overruled = len(fitted) > 1 and fitted[1].loss < fitted[0].loss and not fitted[1].doubt
+    why = "plainer"
+    if overruled and fitted[0].explained - fitted[1].explained >= diagnosis_criteria.DRAFT_LEFT:
+        why = "errors"
     found, most = [], -math.inf
     for one in candidates:
         if not one.refitted:
             found.append("score")
-        elif plainer and one is fitted[0]:
-            found.append("plainer")
+        elif overruled and one is fitted[0]:
+            found.append(why)
         else:
             found.append("behind" if one.loss < most else "loss")
             most = max(most, one.loss)

@@ -23,6 +23,12 @@ def logged(found, hypotheses):
     ("before", "after", "share"),
     [
         ({}, {"torque": 2.0, "sinkage": 0.9}, 1.0 - 3.0 / 8.0),
+        # A channel far above its noise hides no other one: each is in units of what it was.
+        (
+            {"torque": 3.0, "sinkage": 30.0},
+            {"torque": 2.5, "sinkage": 30.2},
+            (2.75 / 9.0 - 12.04 / 900.0) / (8.0 / 9.0 + 899.0 / 900.0),
+        ),
         ({}, {"torque": 1.0, "sinkage": 3.0}, 0.0),
         # Nor does noise that differs between models take anything from it.
         ({}, {"torque": 1.0, "sinkage": 1.1}, 1.0),
@@ -154,17 +160,22 @@ def test_of_effects_that_are_late_the_printed_errors_choose(monkeypatch):
     errors = {"lag": 3.0, "length": 1.02, "plain": 1.0}
     monkeypatch.setattr(steps.refit_ranking, "doubt", lambda *_: "")
     monkeypatch.setattr(steps.refits, "fitted_anew", lambda _, one: one.id)
+    monkeypatch.setattr(steps.refits, "on_wheels", lambda _, one, __: [one.id])
     for module in (steps, candidates):
         monkeypatch.setattr(module, "held_out_errors", lambda _, wheels: {"torque": errors[wheels[0]]})
-    monkeypatch.setattr(steps, "as_it_is", lambda _: {})
+        monkeypatch.setattr(module, "as_it_is", lambda _: {})
     monkeypatch.setattr(steps, "pooled_noise", lambda *_: 1.0)
-    channels = {"torque": SimpleNamespace(noise=4.0, heldout_rmse=4.0)}
+    channels = {"torque": SimpleNamespace(noise=1.0, heldout_rmse=4.0)}
     data = SimpleNamespace(wheels=[None])
     log = SimpleNamespace(data=data, comparison=SimpleNamespace(channels=channels))
     ranked = [(lag, 0), (plain, 0), (length, 0)]
-    assert candidates.late_as_printed(log, ranked) == [ranked[2], *ranked[:2]]
-    # Nor do they choose where something else leads.
-    assert candidates.late_as_printed(log, [ranked[1], ranked[0], ranked[2]])[0] is ranked[1]
+    assert candidates.late_as_printed(log, ranked) == [ranked[2], ranked[0], ranked[1]]
+    # Nor do they choose where something else leads, and takes as much off them;
+    others = [ranked[1], ranked[0], ranked[2]]
+    assert candidates.late_as_printed(log, others) == others
+    # but where it takes clearly less.
+    errors["plain"] = 2.0
+    assert candidates.late_as_printed(log, others) == [ranked[2], ranked[0], ranked[1]]
     for first, most in ((length, True), (lag, False), (plain, False)):
         found = SimpleNamespace(several=[(first, 0)], first_anew=[first.id], log=log)
         assert steps.late_takes_most(found) is most

@@ -15,6 +15,8 @@ from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
 
+LAGS = ("torque_lag", "drawbar_pull_lag", "sinkage_lag")
+
 
 @pytest.fixture(scope="module")
 def wheel():
@@ -57,6 +59,33 @@ def test_a_load_that_changes_from_sample_to_sample_is_no_noise(seed):
     left = data.data[0].white.undone(data.base[0].residual, data.data[0].seen)
     for name, error in left.items():
         assert float(np.std(error)) < 1.5 * wheel.noise[name].deviation
+
+
+def with_lags(windows, **held):
+    """Fit a model with late sensors, and some of their parameters held."""
+    fixed = {"shear_modulus": 0.018, **{f"sensor-lag.{name}": value for name, value in held.items()}}
+    late = Model(effects=(effects.find("sensor-lag"),))
+    return FittedWheel(windows, late, FitSettings(fixed, {}, (), None))
+
+
+@pytest.mark.parametrize("filtered", [0.0, 1.0])
+def test_a_lag_that_is_none_is_told_on_rough_ground(filtered):
+    """By steady inputs alone it was off by half a sample, and doubled the errors of all channels."""
+    (windows,) = over_rough_ground(1, 32.0, {})
+    wheel, late = with_lags(windows, **dict.fromkeys(LAGS, 0.0)), with_lags(windows, filtered=filtered)
+    block = [np.arange(len(wheel)) // 40]
+    before, after = (refits.held_out_errors([one], block, wheel.levels) for one in (wheel, late))
+    assert all(after[name] < 1.02 * error for name, error in before.items())
+
+
+@pytest.mark.parametrize("filtered", [0.0, 1.0])
+def test_a_lag_takes_no_noise_off(wheel, filtered):
+    """Torque and pull predicted from the sinkage as measured have its noise, and less of it if filtered."""
+    late = with_lags(
+        wheel.windows, torque_lag=0.025, drawbar_pull_lag=0.025, sinkage_lag=0.0, filtered=filtered
+    )
+    for name in ("torque", "drawbar_pull"):
+        assert np.std(late.residuals[name]) > 0.995 * np.std(wheel.residuals[name])
 
 
 def test_a_lag_is_no_smaller_than_quick_changes_show():

@@ -5,8 +5,10 @@ from types import SimpleNamespace
 from terrain_cli.presentation import diagnosis_text
 
 
-def candidate(effect, loss, *, doubt="", refitted=True, in_family=False):
-    return SimpleNamespace(effect=effect, loss=loss, doubt=doubt, refitted=refitted, in_family=in_family)
+def candidate(effect, loss, *, doubt="", refitted=True, in_family=False, explained=0.5):
+    return SimpleNamespace(
+        effect=effect, loss=loss, doubt=doubt, refitted=refitted, in_family=in_family, explained=explained
+    )
 
 
 def test_an_order_by_loss_alone_needs_no_other_word():
@@ -33,6 +35,12 @@ def test_a_plainer_first_one_is_told():
     told = "b is not significantly better than a, but has more parameters"
     assert diagnosis_text.order(several) == [told]
     assert diagnosis_text.order([candidate("a", -2.9), *several[1:]]) == []
+
+
+def test_a_first_one_with_clearly_lower_printed_errors_is_told():
+    several = [candidate("a", -2.9, in_family=True), candidate("b", -3.0, explained=0.3)]
+    assert diagnosis_text.ranked_by(several) == ["errors", "loss"]
+    assert diagnosis_text.order(several) == []
 
 
 def test_a_doubted_one_with_less_loss_makes_the_first_no_plainer():

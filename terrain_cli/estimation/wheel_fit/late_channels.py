@@ -114,9 +114,13 @@ def settled(moved: Array, errors: Array) -> bool:
 
 def _moved(found: Fit, near: Fit) -> tuple[Array, Array]:
     """Return by how much parameters moved, those of windows by the root mean square of them, and errors."""
-    own = {name: (found.values[name] - near.values[name]) / found.errors[name] for name in found.values}
-    own = {name: one[np.isfinite(one)] for name, one in own.items()}
-    moved = [np.sqrt(np.mean(one**2)) for one in own.values() if len(one)]
+    moved = []
+    for name, errors in found.errors.items():
+        # What is held has no error, and does not move.
+        sought = errors > 0.0
+        own = ((found.values[name] - near.values[name]) / np.where(sought, errors, 1.0))[sought]
+        if len(own := own[np.isfinite(own)]):
+            moved.append(np.sqrt(np.mean(own**2)))
     every = [found.shared[name] - near.shared[name] for name in found.shared]
     return np.array([*moved, *every]), np.array([*np.ones(len(moved)), *found.shared_errors.values()])
 
