@@ -91,7 +91,6 @@ class ArrivingBytes:
         self.label = STANDARD_INPUT if path == "-" else path
         self._path, self._stop, self._idle, self._folder = path, stop, idle, folder
         self.stopped = False  # Whether somebody asked to end
-        self.idled = False  # Whether nothing came for too long
 
     def __iter__(self) -> Iterator[bytes]:
         """Yield blocks as they arrive, empty ones while nothing does."""
@@ -103,7 +102,6 @@ class ArrivingBytes:
                 if block or changed != (changed := self._changed()):
                     last = time.monotonic()
                 elif self.stopped or (self._idle is not None and time.monotonic() - last >= self._idle):
-                    self.idled = not self.stopped
                     return
                 yield block
                 left -= len(block) * self.stopped

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from functools import cache
 
 import pytest
 from changed_models import MODEL, ROVER, write_log
@@ -35,10 +36,17 @@ def folder(tmp_path_factory):
     return path
 
 
-def diagnosed(terrain_est_here, folder, name):
-    done = terrain_est_here("diagnose", f"{name}.csv", "--segments", "none", "--json", "-q", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+@pytest.fixture(scope="module")
+def told(terrain_est_here, folder):
+    """Return a function that returns what a verb says of one of the logs."""
+
+    @cache
+    def told(verb, name, *segments):
+        done = terrain_est_here(verb, f"{name}.csv", "--segments", *segments, "--json", "-q", cwd=folder)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return told
 
 
 def steps(warnings):
@@ -47,8 +55,8 @@ def steps(warnings):
     return [float(match[1]) for match in found if match]
 
 
-def test_another_soil_is_no_missing_effect(terrain_est_here, folder):
-    answer = diagnosed(terrain_est_here, folder, "clean")
+def test_another_soil_is_no_missing_effect(told):
+    answer = told("diagnose", "clean", "none")
     assert answer["verdict"] == "none"
     assert not answer["alarm"]["raised"]
     assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
@@ -56,38 +64,42 @@ def test_another_soil_is_no_missing_effect(terrain_est_here, folder):
 
 @pytest.mark.parametrize("segments", [("auto",), ("none",), ("fixed", "--window-samples", "240")])
 def test_every_verb_says_the_same_of_two_soils_that_miss_nothing(
-    terrain_est_here, folder, tmp_path, segments
+    terrain_est_here, folder, told, tmp_path, segments
 ):
-    told = []
-    for verb in ("compare", "diagnose"):
-        done = terrain_est_here(verb, "clean.csv", "--segments", *segments, "--json", "-q", cwd=folder)
-        assert done.returncode == 0, done.stderr
-        told.append(json.loads(done.stdout)["conclusion"])
-    assert told[0] == told[1]
-    assert told[0]["state"] == "fits"
-    assert not told[0]["command"]
-    assert told[0]["sentence"].startswith("The model fits to within the noise with 2 soils: ")
+    said, diagnosed = (told(verb, "clean", *segments)["conclusion"] for verb in ("compare", "diagnose"))
+    assert said == diagnosed
+    assert said["state"] == "fits"
+    assert not said["command"]
+    assert said["sentence"].startswith("The model fits to within the noise with 2 soils: ")
     if segments == ("none",):
         (tmp_path / "model.toml").write_text(MODEL, "utf-8")
         adding = ("model", "add", tmp_path / "model.toml", "slip-sinkage", "--data", "clean.csv")
         added = terrain_est_here(*adding, "--segments", *segments, "--json", "-q", cwd=folder)
         after = json.loads(added.stdout)["conclusion"]["sentence"]
         assert after.startswith("The model fits to within the noise with 2 soils: ")
-    when = re.search(r"The soil changes at ([\d.]+) s \(", told[0]["sentence"])
+    when = re.search(r"The soil changes at ([\d.]+) s \(", said["sentence"])
     assert float(when[1]) == pytest.approx(SECONDS / 2.0, abs=1.0)
 
 
-@pytest.mark.parametrize(("name", "effect"), [("sinks", "slip-sinkage"), ("rubs", "drivetrain-friction")])
-def test_an_effect_is_found_across_both(terrain_est_here, folder, tmp_path, name, effect):
-    answer = diagnosed(terrain_est_here, folder, name)
+@pytest.mark.parametrize(
+    ("name", "effect", "within"), [("sinks", "slip-sinkage", 1.2), ("rubs", "drivetrain-friction", 1.15)]
+)
+def test_an_effect_is_found_across_both(told, name, effect, within):
+    answer = told("diagnose", name, "none")
     assert answer["family"][0] == effect
     assert answer["effect"] in {effect, None}
     assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
+    first = answer["candidates"][0]
+    assert first["effect"] == effect
+    for channel, error in first["heldout_rmse"].items():
+        assert error < within * answer["channels"][channel]["noise"]
 
+
+def test_such_an_effect_is_added(terrain_est_here, folder, tmp_path):
     model = tmp_path / "model.toml"
     assert terrain_est_here("model", "new", model).returncode == 0
-    data = ("--data", f"{name}.csv", "--segments", "none", "--json", "-q")
-    done = terrain_est_here("model", "add", model, effect, *data, cwd=folder)
+    data = ("--data", "sinks.csv", "--segments", "none", "--json", "-q")
+    done = terrain_est_here("model", "add", model, "slip-sinkage", *data, cwd=folder)
     assert done.returncode == 0, done.stderr
     added = json.loads(done.stdout)
     assert added["pays"]

@@ -37,7 +37,6 @@ class Unit:
 
 
 _TABLE = tomllib.loads(Path(__file__).with_name("units.toml").read_text("utf-8"))
-DIMENSIONS = tuple(_TABLE)
 #: dimension → the powers of m, kg, s, A and K that its unit is.
 POWERS: dict[str, dict[str, int]] = {dimension: entry["powers"] for dimension, entry in _TABLE.items()}
 _OFFSETS = {"K": -273.15}

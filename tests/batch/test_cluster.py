@@ -125,14 +125,14 @@ def here(folder):
     return missions.files(folder / "here")
 
 
-def start(folder, output, *args):
+def start(folder, output, *args, site=ROOT):
     command = [sys.executable, "-m", "terrain_cli", "batch", "in", "in/day1", "in/day2", "-o", output, *args]
-    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
     return subprocess.Popen(command, cwd=folder, env=env, stderr=subprocess.PIPE, text=True)
 
 
-def batch(folder, output, *args):
-    with start(folder, output, *args) as process:
+def batch(folder, output, *args, **options):
+    with start(folder, output, *args, **options) as process:
         err = process.communicate(timeout=120)[1]
     assert "Traceback" not in err
     return process.returncode, err
@@ -212,13 +212,17 @@ def test_inputs_that_workers_cannot_see(folder, tmp_path):
     assert (reply.failure.exit_code, reply.failure.passing) == (66, True)
 
 
-def test_no_scheduler(folder):
+def test_no_scheduler(folder, tmp_path):
+    # Users give it time to come up.
+    impatient = "from terrain_cli.batch import dask_cluster\ndask_cluster._PATIENCE = 0.5\n"
+    (tmp_path / "sitecustomize.py").write_text(impatient)
     code, err = batch(folder, "none", "--scheduler", "nonsense://127.0.0.1:1")
     assert code == 2
     assert "nonsense://127.0.0.1:1: no address of a scheduler" in err
     with socket.socket() as deaf:
         deaf.bind(("127.0.0.1", 0))
-        code, err = batch(folder, "none", "--scheduler", f"tcp://127.0.0.1:{deaf.getsockname()[1]}")
+        address = f"tcp://127.0.0.1:{deaf.getsockname()[1]}"
+        code, err = batch(folder, "none", "--scheduler", address, site=tmp_path)
     assert code == 66
     assert "no scheduler answers" in err
 

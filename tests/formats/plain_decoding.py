@@ -1,6 +1,6 @@
 """What rosbags makes of single messages: the way independent of ours that ours is held against."""
 
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -9,12 +9,12 @@ from rosbags.typesys.base import normalize_fieldname
 from formats.rosbag.definitions import BUILT_IN, DURATION
 
 
-def decoded(definition, payload):
-    """Decode one message with the classes that rosbags writes; SerdeError."""
+def decoder(definition):
+    """Return what decodes one message with the classes that rosbags writes, which take long; SerdeError."""
     store = get_typestore(Stores.EMPTY)
     store.register({name: definition.types[name] for name in definition.types.keys() - BUILT_IN.keys()})
     decode = store.deserialize_ros1 if definition.ros1 else store.deserialize_cdr
-    return decode(payload, definition.type)
+    return partial(decode, typename=definition.type)
 
 
 def extract(messages, leaf, request):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
+import plain_decoding
 import pytest
 from bags import message, typestore
 from drawn import NAMES, Values, types
 from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
-from plain_decoding import decoded, extract
+from plain_decoding import extract
 from profiles import examples
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
@@ -43,7 +46,7 @@ def same(fast, slow, wanted):
 
 def compare(definition, payloads, *, must_be_fast):
     wanted = requests(definition)
-    messages = [decoded(definition, payload) for payload in payloads]
+    messages = list(map(plain_decoding.decoder(definition), payloads))
     slow = [extract(messages, *pair) for pair in wanted]
     try:
         fast = gather(definition, of_payloads(payloads), wanted)
@@ -203,9 +206,16 @@ TEXT = "string s\nfloat64[] a\nstring[] name\nWheel[] wheels\nuint16 end\n"
 ROW = {"s": "abc", "a": [1.0, 2.0], "name": ["x", "yy"], "wheels": [{"name": "fl", "torque": 1.5}], "end": 9}
 
 
+@cache
+def whole_message(order):
+    """Return the definition of a message, its payload, and what decodes it the plain way."""
+    definition, (payload,) = pack(TEXT, [ROW], order)
+    return definition, payload, plain_decoding.decoder(definition)
+
+
 @orders
 def test_a_message_cut_anywhere_is_never_read_as_something_else(order):
-    definition, (whole,) = pack(TEXT, [ROW], order)
+    definition, whole, _ = whole_message(order)
     asked = [request for _, request in requests(definition)]
     for size in range(len(whole)):
         with pytest.raises(UndecodableError) as caught:
@@ -215,7 +225,7 @@ def test_a_message_cut_anywhere_is_never_read_as_something_else(order):
 
 @orders
 def test_bytes_left_over(order):
-    definition, (whole,) = pack(TEXT, [ROW], order)
+    definition, whole, _ = whole_message(order)
     asked = [FieldRequest("end", "end", "number")]
     if order != "ros1":  # CDR may be padded
         assert decoder.columns(definition, of_payloads([whole, whole + bytes(3)]), asked)[0][0].tolist() == [
@@ -229,7 +239,7 @@ def test_bytes_left_over(order):
 
 @orders
 def test_of_several_wrong_messages_the_first_is_told(order):
-    definition, (whole,) = pack(TEXT, [ROW], order)
+    definition, whole, _ = whole_message(order)
     payloads = [whole, whole + bytes(8), whole[:-3], whole]
     with pytest.raises(UndecodableError, match="longer than its members") as caught:
         decoder.columns(definition, of_payloads(payloads), [FieldRequest("end", "end", "number")])
@@ -239,13 +249,13 @@ def test_of_several_wrong_messages_the_first_is_told(order):
 @examples(150)
 @given(st.data(), st.sampled_from(["ros1", "<", ">"]))
 def test_damaged_bytes_give_an_error_or_what_the_plain_way_gives(data, order):
-    definition, (whole,) = pack(TEXT, [ROW], order)
+    definition, whole, decoded = whole_message(order)
     broken = bytearray(whole)
     for _ in range(data.draw(st.integers(1, 3))):
         broken[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
     wanted = requests(definition)
     try:
-        messages = [decoded(definition, whole), decoded(definition, bytes(broken))]
+        messages = [decoded(whole), decoded(bytes(broken))]
     except SerdeError as error:
         assume("utf-8" not in str(error))  # only texts that are asked for are decoded the fast way
         with pytest.raises(UndecodableError):

@@ -33,7 +33,6 @@ def test_a_file_is_followed_until_nothing_comes(tmp_path, stop):
             with path.open("ab") as file:
                 file.write(b"two\n")
     assert found == b"one\ntwo\n"
-    assert arriving.idled
     assert not arriving.stopped
 
 

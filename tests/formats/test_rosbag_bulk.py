@@ -11,7 +11,7 @@ from bags import typestore, write_ros1, write_ros2
 from drawn import Values, types
 from hypothesis import HealthCheck, Phase, given
 from hypothesis import strategies as st
-from plain_decoding import decoded, extract
+from plain_decoding import decoder, extract
 from profiles import examples
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import Writer as Ros1Writer
@@ -90,10 +90,11 @@ def expected_of(source, path, kind):
     """Return every column of every topic that has messages, as rosbags decodes them."""
     places = {c.id: c for c in source._container.connections}
     definitions = {number: define(c, ros1=kind == "ros1") for number, c in places.items()}
+    decoded = {number: decoder(definition) for number, definition in definitions.items()}
     by_topic = {}
     for number, time, data in one_by_one(path, kind):
         topic = by_topic.setdefault(places[number].topic, [])
-        topic.append((definitions[number], time, decoded(definitions[number], data)))
+        topic.append((definitions[number], time, decoded[number](data)))
     expected = {}
     for topic, messages in by_topic.items():
         first = next(number for number, c in places.items() if c.topic == topic)

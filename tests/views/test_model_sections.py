@@ -21,7 +21,10 @@ def test_there_is_nothing_to_choose_of_one_model(choices):
 
 
 def test_control_offers_the_models_and_marks_that_of_the_page(comparison, choices):
-    _, _, form = page(comparison, models=choices[::-1]).partition('<select id="model"')
+    text = page(comparison, models=choices[::-1])
+    # No history, no section.
+    assert "How the model came about" not in text
+    form = text.partition('<select id="model"')[2]
     control = form.partition("</select>")[0]
     assert '<option value="0">+ grousers</option>' in control
     assert '<option value="1" selected>wong-reece (this page)</option>' in control

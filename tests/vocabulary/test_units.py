@@ -7,7 +7,7 @@ import pytest
 
 from terrain_cli.vocabulary import units
 
-EVERY_UNIT = [(dimension, symbol) for dimension in units.DIMENSIONS for symbol in units.symbols(dimension)]
+EVERY_UNIT = [(dimension, symbol) for dimension in units.POWERS for symbol in units.symbols(dimension)]
 
 
 @pytest.mark.parametrize(("dimension", "symbol"), EVERY_UNIT)
@@ -121,7 +121,7 @@ def test_what_could_mean_something_else_is_no_unit(text, dimension):
 
 
 def test_the_programs_own_unit_changes_nothing():
-    for dimension in units.DIMENSIONS:
+    for dimension in units.POWERS:
         own = units.si(dimension)
         assert own.symbol == units.symbols(dimension)[0]
         assert own.to_si(0.1) == 0.1

@@ -281,11 +281,9 @@ def _few_of_each(segment: NDArray[np.int32], kept: Index) -> Index:
 
 def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
     """Return time, or of steady points the slip, its title, and whether samples were driven in its order."""
-    for name in ("time", "slip"):
-        if all(name in wheel.drivers for wheel in comparison.wheels):
-            along = shown_samples.driver(comparison, name, few)
-            return along.values, along.quantity.label, name == "time"
-    return few.row.astype(float) + 1.0, "sample", False
+    timed = all("time" in wheel.drivers for wheel in comparison.wheels)
+    along = shown_samples.driver(comparison, "time" if timed else "slip", few)
+    return along.values, along.quantity.label, timed
 
 
 def _failures(content: _Content) -> Section:
