@@ -18,7 +18,6 @@ import terrain_cli as terrain
 ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n[estimate]\nmin-samples = 12\n"
 MODEL = 'format = "terrain-est/model/1"\nbase = "wong-reece"\neffects = ["slip-sinkage"]\n'
 NAMES = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg")
-LEFT = ("--segments", "fixed", "--window-samples", "22", "--wheel", "left")
 
 
 @pytest.fixture(scope="module")
@@ -83,12 +82,13 @@ def in_page(text):
     ("model", "options"),
     [
         (None, ()),
-        ("model.toml", ("--segments", "none", "--where", "time < 24")),
+        ("model.toml", ("--segments", "none")),
         ("linear", ("--min-samples", "15")),
         # One soil predicts both as well: the segments stay those that were cut.
-        ("wong-reece", (*LEFT, "--where", "time < 23")),
-        # Of two soils in one segment φ is not told.
-        ("wong-reece", (*LEFT, "--where", "time < 34")),
+        (
+            "wong-reece",
+            ("--segments", "fixed", "--window-samples", "22", "--wheel", "left", "--where", "time < 23"),
+        ),
     ],
 )
 def test_everywhere(folder, terrain_est_here, tmp_path, model, options):
