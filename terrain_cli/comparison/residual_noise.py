@@ -7,24 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison import distributions
-from terrain_cli.estimation.wheel_fit import NOISE_LASTS
+from terrain_cli.estimation.wheel_fit.lasting_residuals import FORGETS, all_forgotten, goes_on
 from terrain_cli.vocabulary.arrays import Array, Index
 
-#: Samples that the longest lag of the variogram spans at the least, and lags beyond the twelfth. Judged. Of
-#: 64 clean logs whose noise lasts, 60 samples pass for a misfit in 2, and 30 in 3; but at 10 Hz 60 take soil
-#: that wanders by 3 % for noise.
-LONGEST_LAG, _FAR_LAGS = 30, 15
+_FAR_LAGS = 15  # Lags of the variogram beyond the twelfth
 #: Correlations at lag 1 that are tried, and samples in which the correlation falls e times.
 _MEMORIES = np.array([0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
 _DECAYS = np.concatenate([[0.0], -1.0 / np.log(_MEMORIES), [22.0, 30.0, 42.0, 59.0]])
 #: Decays that lags must reach over beside a misfit: with fewer, what levels off is not told from what rises.
 _REACH = 3.7
-#: Decays of the longest noise of sensors after which it counts as forgotten: what takes longer is a misfit.
-_FORGETS = 3.0
-#: Correlations are looked at up to this many times that (judged). Of 1,200 series of noise that lasts up to
-#: 1 s, by filters of six kinds and at 10 to 100 Hz, a level of 5 % then finds 3 % to go on.
-_SEEN = 4
 #: How often chance gives such correlations, or a variogram that rises as much: 95 % of χ² with two degrees of
 #: freedom is what the amplitudes of a misfit must take off the sum of squares.
 _LEVEL, _BY_CHANCE = 0.05, 5.99
@@ -51,7 +42,7 @@ def of_series(residual: Array, group: Index, second: float = 0.0) -> NoiseLevel:
     amplitudes are fitted, none of them negative, for a range of ρ.
     Differences are not taken across groups, which are contiguous.
     """
-    longest = max(LONGEST_LAG, int(_FORGETS * NOISE_LASTS * second))
+    longest = all_forgotten(second)
     lags, gamma, pairs = _variogram(residual, group, longest)
     if len(lags) < 3 or not np.any(gamma > 0.0):
         return NoiseLevel(float(np.sqrt(gamma[0])) if len(lags) else np.nan, 0)
@@ -59,7 +50,7 @@ def of_series(residual: Array, group: Index, second: float = 0.0) -> NoiseLevel:
     # The variance of γ(h) goes with γ² h: longer lags share their samples.
     weight = np.sqrt(pairs / lags) / np.maximum(gamma, 0.05 * scale)
     far = lags / lags[-1]
-    decays = _DECAYS[longest >= _DECAYS * _FORGETS]
+    decays = _DECAYS[longest >= _DECAYS * FORGETS]
     lasting = np.zeros((len(decays), len(lags)))
     lasting[1:] = 1.0 - np.exp(-lags / decays[1:, None])
     columns = np.stack(np.broadcast_arrays(np.ones_like(far), lasting, far, far**2), axis=-1)
@@ -78,58 +69,10 @@ def of_series(residual: Array, group: Index, second: float = 0.0) -> NoiseLevel:
     forgotten = 0
     if decay > 0.0 and share > criteria.FORGOTTEN:
         forgotten = int(np.ceil(np.log(share / criteria.FORGOTTEN) * decay))
-    if _goes_on(residual, group, longest) >= _LEVEL:
+    if goes_on(residual, group, longest).chance >= _LEVEL:
         return NoiseLevel(float(np.nanstd(residual)), forgotten)
     # A misfit that outweighs the noise can take all of the variogram, but not what jumps between samples.
     return NoiseLevel(max(float(np.sqrt(variance)), _jumps(residual, group)), forgotten)
-
-
-def _goes_on(residual: Array, group: Index, forgotten: int) -> float:
-    """Return how often chance gives such correlations at lags after which noise is forgotten, NaN if too few.
-
-    Their covariance is Σ ρ(j) ρ(j + k − h) / n of lags h and k (Bartlett 1946, Journal of the Royal
-    Statistical Society Supplement 8, 27), the sum of their squares a multiple of χ² (Satterthwaite 1946,
-    Biometrics Bulletin 2, 110). A misfit would hide behind its own ρ: that of noise falls as fast as that of
-    the noise which lasts longest.
-    """
-    covariance, pairs = _autocovariance(residual, group, _SEEN * forgotten)
-    use = pairs[forgotten:] >= criteria.NOISE_SAMPLES
-    # So few stretches speak neither for a misfit nor against it.
-    if pairs[0] < 2 * criteria.FEWEST_BLOCKS * forgotten or not use.any() or covariance[0] <= 0.0:
-        return np.nan
-    correlation = covariance / covariance[0]
-    slowest = np.exp(-_FORGETS * np.arange(forgotten) / forgotten)
-    near = np.clip(correlation[:forgotten], -slowest, slowest)
-    both = np.concatenate([near[:0:-1], near])
-    shared = np.convolve(both, both)[2 * forgotten - 2 :]
-    number = np.where(use, 1.0 / np.maximum(pairs[forgotten:], 1.0), 0.0)
-    alike = np.convolve(number, number[::-1])[len(number) - 1 :][: len(shared)]
-    mean = shared[0] * float(number.sum())
-    variance = 4.0 * float(shared[: len(alike)] ** 2 @ alike) - 2.0 * shared[0] ** 2 * alike[0]
-    ninth = variance / (9.0 * mean**2)
-    # The cube root of χ² over its mean is nearly normal (Wilson & Hilferty 1931).
-    root = float(np.cbrt((correlation[forgotten:] ** 2)[use].sum() / mean))
-    return float(distributions.normal_tail((root - 1.0 + ninth) / np.sqrt(ninth)))
-
-
-def _autocovariance(residual: Array, group: Index, most: int) -> tuple[Array, Array]:
-    """Return the covariance of samples up to `most` lags apart, and the numbers of their pairs."""
-    known = np.isfinite(residual)
-    # Groups lie so far apart that no pair is of two; the shortest have no pairs that matter.
-    starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
-    length = np.diff(np.append(starts, len(residual)))
-    long = length > most // _SEEN
-    known &= np.repeat(long, length)
-    place = (np.arange(len(residual)) + most * np.repeat(np.cumsum(long), length))[known]
-    if len(place) == 0:
-        return np.zeros(most + 1), np.zeros(most + 1)
-    size = int(place[-1] - place[0]) + most + 1
-    series = np.zeros((2, size))
-    series[0, place - place[0]] = residual[known] - residual[known].mean()
-    series[1, place - place[0]] = 1.0
-    sums, pairs = np.fft.irfft(np.abs(np.fft.rfft(series)) ** 2, size)[:, : most + 1]
-    pairs = np.round(pairs)
-    return sums / np.maximum(pairs, 1.0), pairs
 
 
 def _not_negative(columns: Array, values: Array) -> tuple[Array, Array]:

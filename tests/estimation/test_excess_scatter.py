@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain_cli.estimation.wheel_fit.excess_scatter import memory, slow_share
+from terrain_cli.estimation.wheel_fit.excess_scatter import memory
 
 SERIES, N = 400, 300
 BOUNDS = np.array([0, N])
@@ -55,17 +55,6 @@ def test_pieces_of_one_series_have_one_memory():
     assert memory(rows, bounds, together=True).shape == (1, 1)
     assert memory(rows, bounds, together=True)[0, 0] == pytest.approx(9.0, rel=0.15)
     assert memory(rows, bounds).shape == (1, SERIES)
-
-
-def test_the_share_that_is_slow():
-    rows = remembering(np.random.default_rng(4), 0.97, 0.5)[:3]
-    assert slow_share(rows, BOUNDS)[0] == pytest.approx(
-        max((r[1:] * r[:-1]).sum() / (r**2).sum() for r in rows)
-    )
-    # Not across the bounds.
-    alternating = np.array([[1.0, 1.0, -1.0, -1.0]])
-    np.testing.assert_allclose(slow_share(alternating, np.array([0, 2, 4])), 0.5)
-    np.testing.assert_allclose(slow_share(np.zeros((2, 4)), np.array([0, 4])), 0.0)
 
 
 def test_what_a_fit_takes_of_a_memory_is_put_back():

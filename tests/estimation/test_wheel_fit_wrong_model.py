@@ -273,8 +273,7 @@ def test_noise_that_lasts_half_a_second_is_no_misfit(seed):
     )
     channels = simulate(told).wheels["wheel"].aligned()
     ends = [0, len(channels["time"])]
-    found = [fit(Model(), GEOMETRY, channels, ends, second=second) for second in (0.0, 50.0)]
-    assert [result.missed[0] for result in found] == [True, False]
+    assert not fit(Model(), GEOMETRY, channels, ends, second=50.0).missed[0]
 
 
 def test_a_miss_takes_few_passes_over_all_samples(monkeypatch):

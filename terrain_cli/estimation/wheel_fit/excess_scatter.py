@@ -13,16 +13,13 @@ from terrain_cli.vocabulary.arrays import Array, Bounds, Mask, ratio
 _PLAIN, _MEMORY = 3.0, 2.0
 _ITERATIONS = 6
 _STRETCHES = 8  # Stretches of a window whose means tell a slow drift from white noise
-#: A window of which what is left lasts longer, or is larger, than this many samples of noise is one that the
-#: model misses. Judged: noise of sensors with an autocorrelation of 0.9 lasts for 19 samples.
+#: A window of which what is left lasts longer, or is larger, than this many samples of noise is sought again,
+#: and what lasts longer is no noise that is learnt. Judged: noise of sensors with an autocorrelation of 0.9
+#: lasts for 19 samples.
 MISSED = 20.0
 #: s in which the autocorrelation of sensors' noise falls e times at the most. Judged: filters and rough
 #: ground make 0.05 to 0.5 s, and load, slip and soil vary over several.
 NOISE_LASTS = 1.0
-#: Nor does it miss what is left of less than this share of the scatter. Of 30 logs of the very model, bent
-#: by 10 % of noise in sinkage, 10 lasted longer than 20 samples, with shares up to 0.29; of 24 logs that
-#: lacked an effect and lasted so long 23 had 0.34 to 1.
-SLOW = 1.0 / 3.0
 
 
 def excess(residual: Array, seen: Mask, bounds: Bounds, dof: Array) -> Array:
@@ -50,14 +47,6 @@ def lasting_squares(residuals: Array, bounds: Bounds) -> Array:
     inside = bounds[1:-1]
     product[:, inside[(inside > 0) & (inside < residuals.shape[1])] - 1] = 0.0
     return segment_sum(np.concatenate([product, np.zeros((len(residuals), 1))], axis=1), bounds)
-
-
-def slow_share(residuals: Array, bounds: Bounds) -> Array:
-    """Return the largest share of a channel's scatter that goes on from sample to sample, shape (w,)."""
-    power = segment_sum(residuals**2, bounds)
-    lasting = lasting_squares(residuals, bounds)
-    share = ratio(lasting, power)
-    return np.asarray(share.max(axis=0, initial=0.0))
 
 
 def exceeded(free: ArrayLike, probability: float) -> Array:

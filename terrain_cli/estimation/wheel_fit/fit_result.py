@@ -17,7 +17,7 @@ from terrain_cli.estimation.line.window_estimates import (
     WindowEstimates,
 )
 from terrain_cli.estimation.wheel_fit import normal_equations
-from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NOISE_LASTS, SLOW, lasting_squares
+from terrain_cli.estimation.wheel_fit.excess_scatter import lasting_squares
 from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
 from terrain_cli.estimation.wheel_fit.posterior import Posterior
 from terrain_cli.estimation.wheel_fit.unknowns import FAR, Unknown, Unknowns
@@ -100,8 +100,8 @@ class Fit(Parameters):
     # elsewhere
     excess: Array
     torque_rmse: Array  # Shape (w,): of the torque predicted from the measured channels, N m
-    # Shape (w,): share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`)
-    slow: Array
+    # Shape (w,): whether what is left goes on for longer than noise does (`lasting_residuals`)
+    goes_on: Mask
     # Shape (w,): whether an effect of those suspected shows that would move c, φ or strength by more than
     # its error
     moved: Mask
@@ -166,11 +166,8 @@ class Fit(Parameters):
 
     @property
     def missed(self) -> Mask:
-        """Whether what the model leaves is no noise: lasts for many samples of it, or follows the inputs."""
-        large = (self.slow > SLOW) | (self.chi2 * (1.0 - SLOW) > self.dof)
-        # A first-order process lasts for twice its decay.
-        lasting = self.inflation > max(MISSED, 2.0 * NOISE_LASTS * self.second)
-        return np.asarray((self.excess > 1.0) | (lasting & large) | self.follows | self._imitates)
+        """Whether what the model leaves is no noise: goes on for longer, or follows the inputs."""
+        return np.asarray((self.excess > 1.0) | self.goes_on | self.follows | self._imitates)
 
     @cached_property
     def _imitates(self) -> Mask:
