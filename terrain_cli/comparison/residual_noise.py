@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.estimation.wheel_fit.lasting_residuals import FORGETS, all_forgotten, goes_on
+from terrain_cli.estimation.wheel_fit.excess_scatter import FORGETS, all_forgotten, goes_on
 from terrain_cli.vocabulary.arrays import Array, Index
 
 _FAR_LAGS = 15  # Lags of the variogram beyond the twelfth

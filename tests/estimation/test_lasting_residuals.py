@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain_cli.estimation.wheel_fit.lasting_residuals import missed
+from terrain_cli.estimation.wheel_fit.excess_scatter import going_on
 
 SECOND, N = 10.0, 3_000
 BOUNDS = np.array([0, N])
@@ -23,32 +23,32 @@ def remembering(rng, seconds):
 @pytest.mark.parametrize("seconds", [0.15, 0.5, 1.0])
 def test_noise_of_sensors_is_no_misfit(seconds):
     rng = np.random.default_rng(1)
-    assert not any(missed(remembering(rng, seconds)[None], ALL, BOUNDS, SECOND)[0] for _ in range(100))
+    assert not any(going_on(remembering(rng, seconds)[None], ALL, BOUNDS, SECOND)[0] for _ in range(100))
 
 
 @pytest.mark.parametrize("beside", [0.1, 0.5])
 def test_what_goes_with_the_drive_is_one(beside):
     wave = np.sqrt(2.0) * np.sin(2.0 * np.pi * np.arange(N) / (15.0 * SECOND))
     left = wave[None] + beside * remembering(np.random.default_rng(2), 0.5)
-    assert missed(left, ALL, BOUNDS, SECOND).tolist() == [True]
+    assert going_on(left, ALL, BOUNDS, SECOND).tolist() == [True]
     # Little of the scatter is none: what noise of inputs bends is in the residuals as well.
     left = 0.3 * wave[None] + remembering(np.random.default_rng(2), 0.5)
-    assert missed(left, ALL, BOUNDS, SECOND).tolist() == [False]
+    assert going_on(left, ALL, BOUNDS, SECOND).tolist() == [False]
 
 
 def test_a_window_has_its_own_and_short_ones_have_it_together():
     wave = np.sin(2.0 * np.pi * np.arange(N) / (15.0 * SECOND))
     noise = remembering(np.random.default_rng(3), 0.5)
     left = np.concatenate([noise[: N // 2], wave[N // 2 :]])[None]
-    assert missed(left, ALL, np.array([0, N // 2, N]), SECOND).tolist() == [False, True]
+    assert going_on(left, ALL, np.array([0, N // 2, N]), SECOND).tolist() == [False, True]
     short = np.arange(0, N + 1, 300)
-    assert missed(wave[None], ALL, short, SECOND).all()
-    assert not missed(noise[None], ALL, short, SECOND).any()
+    assert going_on(wave[None], ALL, short, SECOND).all()
+    assert not going_on(noise[None], ALL, short, SECOND).any()
     # One alone tells nothing.
-    assert not missed(wave[None, :300], ALL[:, :300], np.array([0, 300]), SECOND).any()
+    assert not going_on(wave[None, :300], ALL[:, :300], np.array([0, 300]), SECOND).any()
 
 
 def test_nothing_is_told_without_samples():
     nothing = np.zeros((1, 0))
-    assert missed(nothing, nothing > 0.0, np.array([0, 0]), SECOND).tolist() == [False]
-    assert missed(np.zeros((1, N)), ~ALL, BOUNDS, SECOND).tolist() == [False]
+    assert going_on(nothing, nothing > 0.0, np.array([0, 0]), SECOND).tolist() == [False]
+    assert going_on(np.zeros((1, N)), ~ALL, BOUNDS, SECOND).tolist() == [False]

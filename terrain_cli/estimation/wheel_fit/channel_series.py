@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
-from terrain_cli.estimation.wheel_fit.excess_scatter import NOISE_LASTS, memory
+from terrain_cli.estimation.wheel_fit.excess_scatter import NOISE_LASTS, NORMAL_MEDIAN, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, FitData
 from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
@@ -27,7 +27,6 @@ _PLAIN = 3.0
 _DRIFTS = 2.0
 EACH = 30  # Samples of a window that tell noise from soil
 BY_CHANCE = 0.01  # Samples of pure noise that are left out of a whole log, on average. Judged.
-NORMAL_MEDIAN = 0.6745  # Median of the magnitude of a standard normal number
 #: Standard deviation of a normal number beside the second largest of four: that one has the variance 0.36.
 _BEYOND = float(np.sqrt(1.36))
 #: Neighbouring second differences of white noise share so much that so many are worth an independent one.

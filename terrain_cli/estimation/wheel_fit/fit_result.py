@@ -100,7 +100,7 @@ class Fit(Parameters):
     # elsewhere
     excess: Array
     torque_rmse: Array  # Shape (w,): of the torque predicted from the measured channels, N m
-    # Shape (w,): whether what is left goes on for longer than noise does (`lasting_residuals`)
+    # Shape (w,): whether what is left goes on for longer than noise does (`excess_scatter`)
     goes_on: Mask
     # Shape (w,): whether an effect of those suspected shows that would move c, φ or strength by more than
     # its error

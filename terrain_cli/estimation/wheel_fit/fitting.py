@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import student
-from terrain_cli.estimation.wheel_fit import damped_search, lasting_residuals, missing_effects, valley
+from terrain_cli.estimation.wheel_fit import damped_search, missing_effects, valley
 from terrain_cli.estimation.wheel_fit.channel_series import BY_CHANCE, EACH, spikes, steadied
-from terrain_cli.estimation.wheel_fit.excess_scatter import exceeded
+from terrain_cli.estimation.wheel_fit.excess_scatter import exceeded, going_on
 from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, missed_share, parameters, residuals_of
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
@@ -200,7 +200,7 @@ def fit(
         inflation=found.inflation,
         excess=found.excess,
         torque_rmse=torque_rmse,
-        goes_on=lasting_residuals.missed(left, data.seen, data.bounds, second)
+        goes_on=going_on(left, data.seen, data.bounds, second)
         if correlated
         else np.zeros(len(data.windows), dtype=bool),
         moved=np.zeros(len(data.windows), dtype=bool),

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum, window_products
-from terrain_cli.estimation.wheel_fit.channel_series import NORMAL_MEDIAN, LargestNoise
-from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, memory
+from terrain_cli.estimation.wheel_fit.channel_series import LargestNoise
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, NORMAL_MEDIAN, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, CHANNELS, FitData, Noise, level
 from terrain_cli.estimation.wheel_fit.linearised import Equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
