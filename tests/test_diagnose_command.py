@@ -123,8 +123,11 @@ def test_missing_effect_is_named(found):
     assert first["explained"] > 0.9
 
     def beyond(errors):
-        over = {name: errors[name] / one["noise"] for name, one in sinks["channels"].items()}
-        return sum(max(ratio**2 - 1.0, 0.0) for ratio in over.values())
+        """Return the squares beyond the noise, each in units of the error without the effect."""
+        return sum(
+            max(errors[name] ** 2 - one["noise"] ** 2, 0.0) / one["heldout_rmse"] ** 2
+            for name, one in sinks["channels"].items()
+        )
 
     before = beyond({name: one["heldout_rmse"] for name, one in sinks["channels"].items()})
     for one in sinks["candidates"]:

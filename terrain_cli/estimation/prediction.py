@@ -133,7 +133,8 @@ def past_of(
     base, *shown = (_late(model, parameters, past.along(*clock, one)) for one in (steady, *changes))
     gram, product = np.zeros((len(inputs), len(inputs))), np.zeros(len(inputs))
     for name, column in measured.items():
-        table, left = np.array([one[name] for one in shown]), column - base[name]
+        table = np.reshape([one[name] for one in shown], (len(inputs), len(column)))
+        left = column - base[name]
         known = np.isfinite(left) & np.isfinite(table).all(axis=0)
         if (power := float(left[known] @ left[known])) > 0.0:
             gram += table[:, known] @ table[:, known].T * (known.sum() / power)
@@ -141,7 +142,7 @@ def past_of(
     shares = np.clip(np.linalg.lstsq(gram, product, rcond=None)[0], 0.0, 1.0)
     whole, sure = (
         {
-            name: column + np.einsum("k,kn->n", share, [one[name] for one in changes])
+            name: sum((part * one[name] for part, one in zip(share, changes, strict=True)), column)
             for name, column in steady.items()
         }
         for share in (shares, shares ** (1.0 + _SURE))
