@@ -131,27 +131,31 @@ def held_out_errors(log: DiagnosedLog, wheels: Sequence[FittedWheel]) -> dict[st
     return refits.held_out_errors(wheels, log.block, levels)
 
 
-def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> list[Fitted]:
+def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> tuple[list[Fitted], bool]:
     """Put first, of what is late, that with which the errors that every verb prints are lowest.
 
     Smoothed channels lose what changes fast: what tells a lag in time from one in distance, and of a short
-    one most. So it comes first, too, where it takes clearly more off the printed errors than what leads.
+    one most. So what is late comes first, too, where it takes clearly more off the printed errors than all
+    else does. Whether it comes first for that is returned as well.
     """
     late = [pair for pair in ranked if pair[0].late and not refit_ranking.doubt(log.data, *pair)]
     if not late or (ranked[0][0].late and ranked[0] is not late[0]):
-        return ranked
-    if late[0] is not ranked[0]:
+        return ranked, False
+    only = late[0] is not ranked[0]
+    if only:
         before = as_it_is(log)
-        own, *others = (
-            share_taken(log.comparison, before, held_out_errors(log, refits.on_wheels(log.data, *pair)))
-            for pair in (ranked[0], *late)
-        )
-        if not max(others) - own >= criteria.DRAFT_LEFT:
-            return ranked
+
+        def most(pairs: Sequence[Fitted]) -> float:
+            each = (held_out_errors(log, refits.on_wheels(log.data, *pair)) for pair in pairs)
+            return float(max(np.nan_to_num([share_taken(log.comparison, before, one) for one in each])))
+
+        least = most(late) - criteria.DRAFT_LEFT
+        if least <= 0.0 or most([pair for pair in ranked if not pair[0].late]) > least:
+            return ranked, False
 
     def size(pair: Fitted) -> float:
         errors = held_out_errors(log, [refits.fitted_anew(wheel, pair[0]) for wheel in log.data.wheels])
         return float(np.nansum(np.square([*over_noise(log.comparison, errors).values()])))
 
     late = sorted(late, key=size) if len(late) > 1 else late
-    return [*late, *(pair for pair in ranked if pair not in late)]
+    return [*late, *(pair for pair in ranked if pair not in late)], only

@@ -49,6 +49,7 @@ class Ranked:
     base: Refit  # The model as it is
     several: list[Fitted]  # The best first
     drafts: list[outside_catalogue.Tried]  # Laws of one driver, the best first
+    late_only: bool = False  # Only what is late comes near the first, by the errors that are printed
 
     @property
     def data(self) -> Ground:
@@ -180,13 +181,14 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
     again = processes.each(partial(_again, data), several[: criteria.RIVALS + 2])
     again = sorted(again, key=lambda pair: float(pair[1].loss.sum()))
     rest = [(one, refits.weighed(data, refit)) for one, refit in several[criteria.RIVALS + 2 :]]
-    again = late_as_printed(replace(log, data=data), [*_in_order(data, base, again), *rest])
+    again, late_only = late_as_printed(replace(log, data=data), [*_in_order(data, base, again), *rest])
     drafts = [
         replace(one, refit=refits.refit(data, one.hypothesis, one.extra, one.refit.solutions))
         for place, one in enumerate(drafts)
         if place < 2 or one.draft.of_sensor
     ]
-    return Ranked(log=replace(log, data=data), base=base, several=again, drafts=drafts)
+    log = replace(log, data=data)
+    return Ranked(log=log, base=base, several=again, drafts=drafts, late_only=late_only)
 
 
 def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
@@ -229,6 +231,7 @@ def family(case: Case, ranked: Ranked) -> Family:
         pair
         for pair in ranked.several[: criteria.RIVALS]
         if float((ranked.base.loss - pair[1].loss).sum()) > criteria.RIVAL_WORTH * ranked.taken
+        and (pair[0].late or not ranked.late_only)
     ]
     if ranked.taken <= 0.0 or not near:
         return Family()
@@ -312,7 +315,7 @@ def rivals(decision: Decision, members: Sequence[Fitted], listed: Sequence[Candi
 
     Among several causes no drive is worth while to rule out what is none.
     """
-    idle = hardly_explain(listed) - {*decision.together}
+    idle = hardly_explain(listed) - {*decision.together} if decision.together else set()
     doubted = {one.effect for one in listed if one.doubt}
     left = [pair for pair in members if pair[0].id not in idle]
     credible = [pair for pair in left if pair[0].id not in doubted]

@@ -75,7 +75,9 @@ def weighed(decision: Decision, listed: Sequence[Candidate], *, leaves: bool) ->
     if decision.verdict == "effect" and leaves:
         # As much is left for another effect, which may be all there is.
         return replace(decision, verdict="family")
-    # Beside what explains it, what hardly lowers an error is no cause.
+    if not decision.together:
+        return decision
+    # Beside two that explain it, what hardly lowers an error alone is no cause.
     idle = hardly_explain(listed) - {*decision.together}
     return replace(decision, family=tuple(n for n in decision.family if n not in idle) or decision.family)
 

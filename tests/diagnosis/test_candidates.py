@@ -169,13 +169,14 @@ def test_of_effects_that_are_late_the_printed_errors_choose(monkeypatch):
     data = SimpleNamespace(wheels=[None])
     log = SimpleNamespace(data=data, comparison=SimpleNamespace(channels=channels))
     ranked = [(lag, 0), (plain, 0), (length, 0)]
-    assert candidates.late_as_printed(log, ranked) == [ranked[2], ranked[0], ranked[1]]
+    first = [ranked[2], ranked[0], ranked[1]]
+    assert candidates.late_as_printed(log, ranked) == (first, False)
     # Nor do they choose where something else leads, and takes as much off them;
     others = [ranked[1], ranked[0], ranked[2]]
-    assert candidates.late_as_printed(log, others) == others
+    assert candidates.late_as_printed(log, others) == (others, False)
     # but where it takes clearly less.
     errors["plain"] = 2.0
-    assert candidates.late_as_printed(log, others) == [ranked[2], ranked[0], ranked[1]]
+    assert candidates.late_as_printed(log, others) == (first, True)
     for first, most in ((length, True), (lag, False), (plain, False)):
         found = SimpleNamespace(several=[(first, 0)], first_anew=[first.id], log=log)
         assert steps.late_takes_most(found) is most
