@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -48,6 +49,11 @@ class DiagnosedLog:
     found: Screened = field(default_factory=Screened)  # The scores of all effects, from the step `scores` on
     soils_are_better: bool = False  # Than any effect on these: than one that takes off most of what they do
 
+    def on_changing_soil(self) -> Self:
+        """Take out what cannot be told from a soil that changes along the drive."""
+        hypotheses, alike = screening.on_changing_soil(self.hypotheses)
+        return replace(self, hypotheses=hypotheses, not_testable=[*self.not_testable, *alike])
+
 
 def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     """Fit the model, and find how many soils the data speak for."""
@@ -67,10 +73,7 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     cut = cut or refits.ground(needed, block, several_soils.MOST_SAMPLES)
     case.progress("one soil or several")
     chosen, own, instead = several_soils.on_fewer(cut, block, hypotheses, case.progress)
-    if any(wheel.one_soil for wheel in chosen.wheels):
-        hypotheses, alike = screening.on_changing_soil(hypotheses)
-        not_testable = [*not_testable, *alike]
-    return DiagnosedLog(
+    log = DiagnosedLog(
         data=chosen,
         block=own,
         comparison=with_refused(comparison, case.file, wheels),
@@ -78,6 +81,7 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
         not_testable=not_testable,
         soils_are_better=instead is not None and not instead.as_good,
     )
+    return log.on_changing_soil() if any(wheel.one_soil for wheel in chosen.wheels) else log
 
 
 def scores(case: Case, log: DiagnosedLog) -> DiagnosedLog:
@@ -89,11 +93,15 @@ def scores(case: Case, log: DiagnosedLog) -> DiagnosedLog:
     if other_soils and (longer := _longer_blocks(log, found)):
         log = longer
         found = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed)
-    if found.lasting and min(found.p_values.values(), default=0.0) >= criteria.LEVEL:
+    first = max(log.hypotheses, key=lambda one: found.explained.get(one.id, 0.0), default=None)
+    doubtful = min(found.p_values.values(), default=0.0) >= criteria.LEVEL
+    if first and found.lasting and (doubtful or screening.follows_passes(first)):
         # What a large effect leaves to first order lasts too, as a soil that varies does.
-        one = max(log.hypotheses, key=lambda one: found.explained.get(one.id, 0.0))
-        better = refits.on_wheels(log.data, one, refits.refit(log.data, one))
-        found = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed, better)
+        better = refits.on_wheels(log.data, first, refits.refit(log.data, first))
+        after = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed, better)
+        if after.lasting and screening.follows_passes(first):
+            return scores(case, log.on_changing_soil())
+        found = after if doubtful else found
     failures = _findings(log, case.seed) if other_soils else log.comparison.failures
     return replace(log, found=found, failures=failures, not_testable=[*log.not_testable, *found.not_testable])
 

@@ -120,13 +120,18 @@ def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
     return ""
 
 
+def follows_passes(one: Hypothesis) -> bool:
+    """Tell whether an effect follows how often the track was driven before."""
+    return any(DRIVEN_BEFORE in effect.reads for effect in one.effects)
+
+
 def on_changing_soil(every: Sequence[Hypothesis]) -> tuple[list[Hypothesis], list[NotTestable]]:
     """Take out what cannot be told from a soil that changes along the drive.
 
-    Where segments of unknown soils are kept, the soil changes within some of them too; a few passes
-    follow that by chance.
+    Where segments of unknown soils are kept, or what a pass leaves lasts, the soil changes within some of
+    them too; a few passes follow that by chance.
     """
-    passes = [one for one in every if any(DRIVEN_BEFORE in effect.reads for effect in one.effects)]
+    passes = [one for one in every if follows_passes(one)]
     because = (
         "the soil changes along this drive, and a pass cannot be told from that: drive the same track twice"
     )
