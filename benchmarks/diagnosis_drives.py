@@ -48,13 +48,13 @@ from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
-FIRST, APART = 152_000_000, 100
+FIRST, APART = 157_000_000, 100
 #: And where sections begin that have seeds of their own.
 FIRST_ANEW = {
-    "vehicles": 153_000_000,
-    "next": 154_000_000,
-    "removed": 155_000_000,
-    "outside": 156_000_000,
+    "vehicles": 158_000_000,
+    "next": 159_000_000,
+    "removed": 160_000_000,
+    "outside": 161_000_000,
 }
 NOISES = ("white", "ar1", "soil", "soil-unlabelled")
 COURSES = ("rich", "poor-load", "rich", "poor", "rich", "poor-speed")
