@@ -145,12 +145,17 @@ def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> tuple[list[Fitte
     if only:
         before = as_it_is(log)
 
-        def most(pairs: Sequence[Fitted]) -> float:
-            each = (held_out_errors(log, refits.on_wheels(log.data, *pair)) for pair in pairs)
-            return float(max(np.nan_to_num([share_taken(log.comparison, before, one) for one in each])))
+        def share(pair: Fitted) -> float:
+            left = held_out_errors(log, refits.on_wheels(log.data, *pair))
+            return float(np.nan_to_num(share_taken(log.comparison, before, left)))
 
-        least = most(late) - criteria.DRAFT_LEFT
-        if least <= 0.0 or most([pair for pair in ranked if not pair[0].late]) > least:
+        # The first is asked alone to begin with: beside one that takes nearly all nothing takes clearly more.
+        if (least := share(ranked[0]) + criteria.DRAFT_LEFT) >= 1.0 or (
+            most := max(map(share, late))
+        ) < least:
+            return ranked, False
+        others = [pair for pair in ranked[1:] if not pair[0].late]
+        if max(map(share, others), default=0.0) + criteria.DRAFT_LEFT > most:
             return ranked, False
 
     def size(pair: Fitted) -> float:
