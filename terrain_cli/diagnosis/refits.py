@@ -27,6 +27,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
 from terrain_cli.estimation.wheel_fit.late_channels import PASSES, nearest_lags, settled
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns, present, unknowns
 from terrain_cli.mechanics.past import Past
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.vocabulary.arrays import Array, Index
 from terrain_cli.windows.joined_inputs import with_inputs
 
@@ -110,7 +111,9 @@ def ground(
 def _remembering(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> SmoothedData:
     """Add what a solution predicts along whole stretches, without what it has late."""
     inputs = {name: column for name, column in data.inputs.items() if not isinstance(column, Past)}
-    late = wheel.past_of(inputs, (solution.model, solution.of_samples(data.window)))
+    # Of a drafted law the driver may be known at the samples taken alone.
+    kept = tuple(e for e in solution.model.effects if e in wheel.model.effects or {*inputs} >= {*e.reads})
+    late = wheel.past_of(inputs, (Model(solution.model.base, kept), solution.of_samples(data.window)))
     return replace(data, inputs={**inputs, **late})
 
 
