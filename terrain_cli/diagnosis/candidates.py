@@ -150,12 +150,11 @@ def late_as_printed(log: DiagnosedLog, ranked: list[Fitted]) -> tuple[list[Fitte
             return float(np.nan_to_num(share_taken(log.comparison, before, left)))
 
         # The first is asked alone to begin with: beside one that takes nearly all nothing takes clearly more.
-        if (least := share(ranked[0]) + criteria.DRAFT_LEFT) >= 1.0 or (
-            most := max(map(share, late))
-        ) < least:
+        if (least := share(ranked[0]) + criteria.DRAFT_LEFT) >= 1.0:
             return ranked, False
-        others = [pair for pair in ranked[1:] if not pair[0].late]
-        if max(map(share, others), default=0.0) + criteria.DRAFT_LEFT > most:
+        most = max(map(share, late))
+        others = (pair for pair in ranked[1:] if not pair[0].late)
+        if most < least or any(share(pair) + criteria.DRAFT_LEFT > most for pair in others):
             return ranked, False
 
     def size(pair: Fitted) -> float:

@@ -96,10 +96,9 @@ def scores(case: Case, log: DiagnosedLog) -> DiagnosedLog:
     first = max(log.hypotheses, key=lambda one: found.explained.get(one.id, 0.0), default=None)
     doubtful = min(found.p_values.values(), default=0.0) >= criteria.LEVEL
     if first and found.lasting and (doubtful or screening.follows_passes(first)):
-        # What a large effect leaves to first order lasts too, as a soil that varies does.
-        better = refits.on_wheels(log.data, first, refits.refit(log.data, first))
-        after = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed, better)
-        if after.lasting and screening.follows_passes(first):
+        known = log.data, log.block, log.hypotheses
+        after, changes = several_soils.scored_once_fitted(*known, first, case.seed)
+        if changes:
             return scores(case, log.on_changing_soil())
         found = after if doubtful else found
     failures = _findings(log, case.seed) if other_soils else log.comparison.failures

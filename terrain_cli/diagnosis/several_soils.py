@@ -20,6 +20,7 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, above_noise, over_noise
 from terrain_cli.diagnosis.refits import Ground, Refit
+from terrain_cli.diagnosis.screening import Screened
 from terrain_cli.effects import Effect
 from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
@@ -82,6 +83,19 @@ def on_more(
     if _stands_for_soils(data, block, steps[0], hypotheses, progress) is not None:
         return data.wheels, [], data
     return steps[0].wheels, steps[1], None
+
+
+def scored_once_fitted(
+    data: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], first: Hypothesis, seed: int
+) -> tuple[Screened, bool]:
+    """Score effects by what the first leaves once fitted, and tell whether the soil changes along the drive.
+
+    What a large effect leaves to first order lasts, as a soil that varies does. What still lasts beside a
+    pass is such a soil, which a few passes follow by chance.
+    """
+    better = refits.on_wheels(data, first, refits.refit(data, first))
+    found = screening.screen(data.wheels, block, hypotheses, seed, better)
+    return found, found.lasting and screening.follows_passes(first)
 
 
 def enough_with(

@@ -92,15 +92,13 @@ def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
     """
     fitted = [one for one in candidates if one.refitted]
     overruled = len(fitted) > 1 and fitted[1].loss < fitted[0].loss and not fitted[1].doubt
-    why = "plainer"
-    if overruled and fitted[0].explained - fitted[1].explained >= diagnosis_criteria.DRAFT_LEFT:
-        why = "errors"
+    lower = overruled and fitted[0].explained - fitted[1].explained >= diagnosis_criteria.DRAFT_LEFT
     found, most = [], -math.inf
     for one in candidates:
         if not one.refitted:
             found.append("score")
         elif overruled and one is fitted[0]:
-            found.append(why)
+            found.append("errors" if lower else "plainer")
         else:
             found.append("behind" if one.loss < most else "loss")
             most = max(most, one.loss)

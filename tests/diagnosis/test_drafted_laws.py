@@ -8,6 +8,7 @@ import pytest
 from changed_models import ROVER, write_log
 from hidden_drives import Kind, windows_of
 
+from terrain_cli import effects
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnose, drafted_laws, refit_ranking
 from terrain_cli.estimation.estimators import FitSettings
@@ -87,14 +88,19 @@ def test_a_law_with_its_least_in_the_middle_of_a_driver_far_from_zero_is_drafted
     assert (middle["lower"], middle["upper"]) == pytest.approx((lowest, highest), rel=1e-3)
 
 
-def test_a_gain_that_follows_a_column_is_drafted_as_one():
-    """A motor's torque constant, or the amplifier of a cell, that changes with the supply voltage."""
+@pytest.mark.parametrize("effect", [None, "sensor-lag"])
+def test_a_gain_that_follows_a_column_is_drafted_as_one(effect):
+    """A motor's torque constant, or the amplifier of a cell, that changes with the supply voltage.
+
+    A model that has a late channel predicts all samples, and the column is known at those that are fitted.
+    """
+    model = Model(effects=(effects.find(effect),)) if effect else Model()
     (windows,) = windows_of(81, Kind(seconds=64.0, rate=10.0))
     samples = windows.samples
     voltage = 26.0 + 2.0 * np.sin(2.0 * np.pi * samples.time / 13.0)
     torque = samples.channels["torque"] * (1.0 + 0.06 * (voltage - 28.0))
     channels = {**samples.channels, "supply": voltage, "torque": torque}
-    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile())
+    found = diagnose([replace(windows, samples=replace(samples, channels=channels))], ModelFile(model=model))
     assert found.verdict == "unknown"
     assert (found.unknown.channel, found.unknown.driver, found.unknown.form) == ("torque", "supply", "gain")
     assert "the gain of torque varies with supply (linear), which" in found.sentence
