@@ -252,9 +252,11 @@ def test_nor_is_it_of_a_few_points_at_the_bounds(effect):
 
 
 @pytest.mark.parametrize("seed", [1, 3])
-def test_noise_that_lasts_half_a_second_is_no_misfit(seed):
+@pytest.mark.parametrize(("lasts", "second", "missed"), [(0.5, 50.0, False), (2.0, 0.0, True)])
+def test_noise_that_lasts_half_a_second_is_no_misfit(seed, lasts, second, missed):
+    """Without a clock only samples count, and noise of 2 s lasts for a hundred of them."""
     lasting = dict.fromkeys(
-        ("load", "torque", "sinkage", "slip"), Sensor(relative=0.02, correlation_time=0.5)
+        ("load", "torque", "sinkage", "slip"), Sensor(relative=0.02, correlation_time=lasts)
     )
     track = Track(
         "wheel",
@@ -267,13 +269,13 @@ def test_noise_that_lasts_half_a_second_is_no_misfit(seed):
         WHEEL,
         constant(0.07),
         rate=50.0,
-        sensors={**lasting, "drawbar_pull": Sensor(absolute=0.3, correlation_time=0.5)},
+        sensors={**lasting, "drawbar_pull": Sensor(absolute=0.3, correlation_time=lasts)},
         channels=(*CHANNELS, "slip", "drawbar_pull"),
         seed=seed,
     )
     channels = simulate(told).wheels["wheel"].aligned()
     ends = [0, len(channels["time"])]
-    assert not fit(Model(), GEOMETRY, channels, ends, second=50.0).missed[0]
+    assert fit(Model(), GEOMETRY, channels, ends, second=second).missed[0] == missed
 
 
 def test_a_miss_takes_few_passes_over_all_samples(monkeypatch):
